@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from saflite.campaign.presets.campaigns import builtin_campaigns, load_campaign, template
@@ -202,3 +203,11 @@ def test_the_campaign_of_a_rule_is_lent_procedures_of_others_about_its_modes() -
     every = policy_campaign("policy-all", describe())
     assert every is not None
     assert "others" not in every.strategy.settings
+
+
+def test_a_target_from_outside_is_lent_procedures_of_rules_that_are_checked_on_it_alone() -> None:
+    elsewhere = policy_campaign("policy-a-brake1", msgspec.structs.replace(describe(), name="ardupilot"))
+    assert elsewhere is not None
+    lent = {str(text).split()[0] for text in elsewhere.strategy.settings["others"]}  # type: ignore[union-attr]
+    assert lent
+    assert not [name for name in lent if "ardupilot" in load_policy(name).file.not_checked_on]

@@ -251,20 +251,31 @@ def _procedures(data: dict[str, Any], target: TargetInfo) -> list[Any]:
 
 
 def _others(data: dict[str, Any], target: TargetInfo) -> list[Any]:
-    """Return the procedures of other rules that enter a mode this one is about: they lead where its own do not."""
+    """Return the procedures of other rules that enter a mode this one is about: they lead where its own do not.
+
+    But on the target that is there to be broken only of rules that are checked on it: what others give may lie
+    outside the ranges that it documents.
+    """
     modes, names = set(modes_of(data)), {entry.name for entry in target.inputs}
     return [
         text
-        for policy, text, words, named in _every_procedure()
+        for policy, text, words, named, barred in _every_procedure()
         if policy != data["id"] and modes.intersection(words) and names.issuperset(named)
+        if target.name == DEFAULT_TARGET or target.name not in barred
     ]
 
 
 @cache
-def _every_procedure() -> tuple[tuple[str, str, frozenset[str], frozenset[str]], ...]:
-    """Return id and text of each procedure that ships, its words, and the inputs it names."""
+def _every_procedure() -> tuple[tuple[str, str, frozenset[str], frozenset[str], frozenset[str]], ...]:
+    """Return id and text of each procedure that ships, its words and inputs, and where its rule is not checked."""
     return tuple(
-        (data["id"], text, frozenset(re.split(r"[\s;|?]+", text)), frozenset(_NAMED.findall(text)))
+        (
+            data["id"],
+            text,
+            frozenset(re.split(r"[\s;|?]+", text)),
+            frozenset(_NAMED.findall(text)),
+            frozenset(data.get("not_checked_on", {})),
+        )
         for data in _policies()
         for text in _all_procedures(data)
     )
