@@ -25,6 +25,7 @@ FILES: dict[str, tuple[str, list[str]]] = {
     "case.json": ("fly", []),
     "case.yaml": ("fly", []),
     "case.mcap": ("fly", []),
+    "mission.plan": ("fly", []),
     "more.json": ("score", []),
     "flight.mcap": ("judge", []),
     "flight.trace": ("judge", []),

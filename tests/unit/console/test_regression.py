@@ -14,7 +14,7 @@ from saflite.console.operations.regressing import State
 from saflite.console.run_data import known
 from saflite.console.run_data.known import Known
 from saflite.console.view import ci_files
-from saflite.contract.errors import Refused
+from saflite.contract.errors import Refused, Unavailable
 from saflite.contract.test_case import Scenario, Stimulus, Target, TestCase
 from saflite.contract.verdict import Ruling, Verdict, modes_named
 
@@ -288,5 +288,5 @@ def test_the_build_of_a_test_case_says_why_it_cannot_fly_here(monkeypatch: pytes
     monkeypatch.delenv("SAFLITE_PX4", raising=False)
     build = builds.of_case(TestCase(target=Target(name="px4"), scenario=Scenario()))
     assert "no PX4 binary is named" in build.trouble
-    with pytest.raises(Refused, match="one that can fly here"):
+    with pytest.raises(Unavailable, match="cannot fly here: no PX4"):
         builds.use(build)

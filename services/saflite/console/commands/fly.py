@@ -1,6 +1,7 @@
 """Fly one test case and judge the flight.
 
-The test case is competition YAML, our JSON, or a recording. The flight runs in a sandbox of its own, as in the farm.
+The test case is competition YAML, our JSON, a recording, or a mission plan of QGroundControl. The flight runs in a
+sandbox of its own, as in the farm.
 Without `--policy` it is judged by all policies that ship, and by the rules of your own that its recording or run has.
 
 exit codes: 0 held, 1 a policy was violated, 2 refused input, 3 it could not be flown, 4 nothing could be judged (no
@@ -11,6 +12,7 @@ examples:
   saflite fly case.yaml --out flight.mcap --policy min-obstacle-distance
   saflite fly case.json --defect parachute-in-acro --json
   saflite fly case.json --twin turned --policy turned-alike
+  saflite fly mission.plan --target ardupilot --autopilot build/sitl/bin/arducopter
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
-    parser.add_argument("case", type=Path, help="test case: .yaml, .json or .mcap")
+    parser.add_argument("case", type=Path, help="test case: .yaml, .json, .mcap or .plan")
     parser.add_argument("--target", default="", help="fly on this target instead (see `saflite list targets`)")
     arguments.add_policy(parser, "policy to judge by")
     arguments.add_target_settings(parser)

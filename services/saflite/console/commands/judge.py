@@ -30,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     from saflite.console.io import arguments, outputs
 
     parser.add_argument("file", type=Path, help="recording or log (.mcap, .trace, .ulg, .csv, .bin), or a folder")
-    parser.add_argument("--test-case", type=Path, help="what was flown: .yaml, .json or .mcap")
+    parser.add_argument("--test-case", type=Path, help="what was flown: .yaml, .json, .mcap or .plan")
     arguments.add_policy(parser, "policy to judge by, all that fit if none is given")
     parser.add_argument("--all", action="store_true", help="show policies that say nothing of this flight, and why")
     parser.add_argument("--quiet", "-q", action="store_true", help="print violations and a last line only, for CI")

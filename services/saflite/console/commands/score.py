@@ -19,7 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Name the arguments."""
     from saflite.console.io import arguments
 
-    parser.add_argument("cases", type=Path, nargs="+", help="test cases: .yaml, .json or .mcap")
+    parser.add_argument("cases", type=Path, nargs="+", help="test cases: .yaml, .json, .mcap or .plan")
     parser.add_argument("--scorer", default="blend", help="scorer model (see `saflite list scorers`)")
     arguments.add_policy(parser, "policy to score for (min-obstacle-distance)")
     arguments.add_modules(parser)

@@ -1,4 +1,4 @@
-"""Test cases from files: competition YAML, our JSON, or the recording of a flight."""
+"""Test cases from files: competition YAML, our JSON, the recording of a flight, or a mission plan."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from saflite.console.io.arguments import plain_number
 from saflite.console.io.target_options import with_settings
 from saflite.contract import wire
 from saflite.contract.errors import Refused
-from saflite.contract.test_case import Mission, TestCase, Twin
+from saflite.contract.test_case import Mission, Scenario, Target, TestCase, Twin
 
-KINDS = ".yaml, .yml (competition), .json (saflite), .mcap (recording)"
+KINDS = ".yaml, .yml (competition), .json (saflite), .mcap (recording), .plan (mission)"
 
 
 def load_case(path: Path) -> TestCase:
     """Return the test case in a file, and warn of what it says that is not flown.
 
-    Raises Refused if it is missing, malformed or of an unknown kind.
+    A plan of QGroundControl is flown as it stands: no boxes, no inputs, no wind. Raises Refused if the file is missing,
+    malformed or of an unknown kind.
     """
     import msgspec
 
@@ -48,6 +49,12 @@ def load_case(path: Path) -> TestCase:
         from saflite.recorder.exports.aerialist import read_case
 
         return _holdable(read_case(path, out.warn_once), str(path))
+    if path.suffix == ".plan":
+        from saflite.flight.mission import load_plan
+
+        mission = load_plan(path)
+        warn_of_plan(mission, str(path))
+        return _holdable(TestCase(target=Target(), scenario=Scenario(mission=mission)), str(path))
     if not path.exists():
         fix = no_run(path).fix  # most commands that take a test case take a run folder, too
         raise Refused("test case", where=str(path), expected="a readable file", got="none of that name", fix=fix)

@@ -69,10 +69,10 @@ def parse(text: str) -> Build:
 
 
 def use(build: Build) -> None:
-    """Let this process find the target of a build; raises Refused where it cannot fly here."""
+    """Let this process find the target of a build; raises Unavailable where it cannot fly here."""
     modules.use(build.files)
     if build.trouble:
-        raise Refused(f"build {build.label}", expected="one that can fly here", got=build.trouble)
+        raise Unavailable(f"build {build.label} cannot fly here: {build.trouble}")
 
 
 def parse_or_leave(text: str) -> Build:
