@@ -66,6 +66,7 @@ SIGNALS: dict[str, Signal] = {
     "position_aided": Signal(
         "", "1 while something else than the satellites gives the position, too (optical flow, vision, beacons)", "flag"
     ),
+    "innovation_ratio": Signal("", "how far satellites and estimate are apart, as a share of what passes for noise"),
     "baro_ok": Signal("", "1 while the barometer answers", "flag"),
     "battery_v": Signal("V", "battery voltage"),
     "rc1_pwm": Signal("us", "roll stick as received, 1000..2000, 1500 centre"),
@@ -161,6 +162,7 @@ SIGNALS: dict[str, Signal] = {
     "fence_altitude_min_set_m": Signal("m", "floor of the fence (FENCE_ALT_MIN)"),
     "fence_points_set": Signal("", "points of polygons and circles loaded as fences (FENCE_TOTAL)", "code"),
     "fence_radius_set_m": Signal("m", "radius of the circle about home (FENCE_RADIUS)"),
+    "variance_set": Signal("", "innovation ratio from which on the position counts as lost (FS_EKF_THRESH)"),
     "arming_checks_set": Signal("", "checks before arming, 0 none (ARMING_CHECK)", "code"),
     "angle_max_set_deg": Signal("deg", "greatest lean angle (ANGLE_MAX)"),
     "waypoint_radius_set_m": Signal("m", "distance at which a way-point counts as reached (WPNAV_RADIUS)"),
@@ -316,28 +318,23 @@ UNNAMED_MODE = "mode "
 
 _OF_STIMULI = """
 time_s quiet_s order_quiet_s command_quiet_s divert_order_s calm_s home_quiet_s crashed stop_ordered arming_forced
-gps_true gps_settled baro_true baro_settled body_true sticks_true ends_true
-place_order_s pause_order_s ordered_x_m ordered_y_m
-ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v battery_low_charge_set_mah
-battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set acro_balance_pitch_set
-acro_rate_set_dps acro_expo_set chute_enabled_set chute_type_set chute_servo_set chute_delay_set_s
-chute_present_set radio_fault_set pilot_acceleration_set_mps2 climb_acceleration_set_mps2
+gps_true gps_settled baro_true baro_settled body_true sticks_true ends_true place_order_s pause_order_s ordered_x_m
+ordered_y_m ordered_altitude_m battery_timer_set_s battery_low_action_set battery_critical_set_v
+battery_low_charge_set_mah battery_capacity_set_mah battery_critical_action_set acro_trainer_set acro_balance_roll_set
+acro_balance_pitch_set acro_rate_set_dps acro_expo_set chute_enabled_set chute_type_set chute_servo_set
+chute_delay_set_s chute_present_set radio_fault_set pilot_acceleration_set_mps2 climb_acceleration_set_mps2
 mode_order_s mode_cause_s ordered_mode release_order_s stop_order_s start_order_s climb_order_s height_order_s
 position_aided plain_order plain_order_s plain_order_refused takeoff_slow_set_m fs_action_delay_set_s
-failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps
-fence_action_set fence_on_set fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps
-fence_altitude_min_set_m fence_points_set
+failsafe_options_set circle_options_set auto_options_set pilot_turn_speed_set_dps fence_action_set fence_on_set
+fence_type_set fence_radius_set_m fence_margin_set_m acro_yaw_rate_set_dps fence_altitude_min_set_m fence_points_set
 landed_disarms_set throttle_filter_set_hz yaw_rate_max_set_dps yaw_acceleration_set_dps2 loiter_acceleration_set_mps2
-loiter_brake_set_mps2 wind_set_mps gusts_set_mps
-arming_checks_set angle_max_set_deg
-acceleration_set_mps2 waypoint_radius_set_m
-cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m return_wait_set_s
-loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps
-circle_radius_set_m circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg
-gps_forward_set_m gps_right_set_m chute_sink_set_mps roll_stick_min_set_us roll_stick_max_set_us
-pitch_stick_min_set_us pitch_stick_max_set_us roll_acceleration_set_dps2 roll_rate_max_set_dps
-gps_noise_set_m hover_throttle_set pitch_acceleration_set_dps2 pitch_rate_max_set_dps
-rc1_sent_pwm rc2_sent_pwm rc3_sent_pwm rc4_sent_pwm
+loiter_brake_set_mps2 wind_set_mps gusts_set_mps arming_checks_set variance_set angle_max_set_deg
+acceleration_set_mps2 waypoint_radius_set_m cruise_speed_set_mps return_speed_set_mps return_climb_min_set_m
+return_wait_set_s loiter_speed_set_mps disarm_delay_set_s pilot_takeoff_set_m yaw_slew_set_dps circle_radius_set_m
+circle_rate_set_dps descent_speed_set_mps trim_roll_set_deg trim_pitch_set_deg gps_forward_set_m gps_right_set_m
+chute_sink_set_mps roll_stick_min_set_us roll_stick_max_set_us pitch_stick_min_set_us pitch_stick_max_set_us
+roll_acceleration_set_dps2 roll_rate_max_set_dps gps_noise_set_m hover_throttle_set pitch_acceleration_set_dps2
+pitch_rate_max_set_dps rc1_sent_pwm rc2_sent_pwm rc3_sent_pwm rc4_sent_pwm
 """
 MADE_FROM: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_OF_STIMULI.split(), ()),

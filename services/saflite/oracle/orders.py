@@ -90,6 +90,7 @@ SETTINGS: dict[str, Setting] = {
     "fence_points_set": Setting("FENCE_TOTAL", 0.0, 0.0, whole=True),
     "fence_radius_set_m": Setting("FENCE_RADIUS", 300.0, 30.0, 10_000.0),
     "arming_checks_set": Setting("ARMING_CHECK", 1.0, whole=True),
+    "variance_set": Setting("FS_EKF_THRESH", 0.8, 0.6, 1.0),
     "angle_max_set_deg": Setting("ANGLE_MAX", 3000.0, 1000.0, 8000.0, 0.01, whole=True),
     "waypoint_radius_set_m": Setting("WPNAV_RADIUS", 200.0, 5.0, 1000.0, 0.01),
     "acceleration_set_mps2": Setting("WPNAV_ACCEL", 250.0, 50.0, 500.0, 0.01),
