@@ -176,6 +176,7 @@ def _tell(found: Conclusion, ended: ExitSummary) -> None:
     out.line(
         f"{counted(flights, 'flight')} in {found.elapsed_s:.0f} s ({_beside(found.flown)}); "
         f"{counted(len(good), 'behaviour')} confirmed{_value(ended)}"
+        + (f", {counted(len(found.causes), 'smallest set')} of inputs behind them" if found.causes else "")
         + (f", {counted(similar, 'find')} more of them" if similar else "")
         + (f", {flaky} flaky" if flaky else "")
         + (f", {unproven_words(found.unproven)}" if found.unproven else "")

@@ -37,8 +37,8 @@ def render(data: ReportData, run_name: str) -> str:
         f'<p class="muted">campaign {escape(data.state)} · {chosen}</p></header>',
         _tiles(data),
         progress_charts(data.progress),
-        _table(data),
         _causes(data),
+        _table(data),
         policies(data.rulings),
         states(data.states, data.modes_unseen),
         arms(data.arms),
@@ -81,6 +81,7 @@ def _tiles(data: ReportData) -> str:
     elapsed_s = max(data.elapsed_s, 1e-9)
     tiles = [
         (str(behaviours), "behaviours confirmed", "bad" if confirmed else "good" if flown["search"] else ""),
+        *([(str(len(data.causes)), "smallest sets of inputs behind them", "")] if data.causes else []),
         (str(sum(data.finds.values())), "finds of them", ""),
         (str(flaky), "flaky", "warn" if flaky else ""),
         *([(str(data.unproven), "neither confirmed nor refuted", "warn")] if data.unproven else []),
