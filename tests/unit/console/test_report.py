@@ -289,6 +289,15 @@ def test_counts_are_told_in_whole_numbers() -> None:
     assert ">1<" in drawn
 
 
+def test_many_marks_are_drawn_without_their_names_which_would_hide_the_curve() -> None:
+    curve = [charts.Curve([0.0, 99.0], [0.0, 1.0])]
+    few, many = ([charts.Mark(float(at), f"input {at}") for at in range(count)] for count in (12, 13))
+    assert 'class="tick name"' in charts.chart("t", curve, marks=few)
+    drawn = charts.chart("t", curve, marks=many)
+    assert 'class="tick name"' not in drawn
+    assert drawn.count("<title>input") == 13, "each is told when it is pointed at"
+
+
 @pytest.mark.parametrize("way", [(0.05, 80.0), (80.0, 0.05), (0.1, 0.1), (300.0, 40.0)])
 def test_the_numbers_on_a_map_do_not_overlap(way: tuple[float, float]) -> None:
     bare = msgspec.structs.replace(case(), scenario=Scenario(start=StartState()))

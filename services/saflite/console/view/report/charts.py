@@ -20,6 +20,7 @@ TICK_ROW_PX, NAME_ROW_PX, LEGEND_ROW_PX = 13.0, 25.0, 38.0
 TICKS = 5
 POINTS_MAX = 500
 CHAR_PX, ROW_PX, ROWS_MAX = 7.2, 12.0, 6
+NAMES_MAX = 12  # of marks in one chart that are told beside their lines
 """Width of a letter of a tick's text, at most, as a phone draws it; height of a row of names, and how many may be."""
 
 
@@ -125,8 +126,10 @@ def _axes(frame: _Frame, x_name: str, y_step_min: float) -> list[str]:
 def _marks(frame: _Frame, marks: Sequence[Mark]) -> list[str]:
     """Return bands and lines with their names, each name in the first row where it is over no other.
 
-    A name that fits in no row is left out; the line shows it when it is pointed at.
+    A name that fits in no row is left out, and so are all where there are many, which would lie over the curve; the
+    line shows it when it is pointed at.
     """
+    are_few = sum(bool(mark.name) for mark in marks) <= NAMES_MAX
     ends = [LEFT_PX] * ROWS_MAX
     parts = []
     for mark in sorted(marks, key=lambda one: one.x):
@@ -141,7 +144,7 @@ def _marks(frame: _Frame, marks: Sequence[Mark]) -> list[str]:
         width = CHAR_PX * len(mark.name) + 4
         left = x + 3 if x + 3 + width < WIDTH_PX - RIGHT_PX else x - 3 - width
         row = next((row for row, end in enumerate(ends) if end <= left), None)
-        if mark.name and row is not None:
+        if are_few and mark.name and row is not None:
             ends[row] = left + width
             parts.append(label(left, TOP_PX + 9 + ROW_PX * row, mark.name, "tick name"))
     return parts
