@@ -77,7 +77,8 @@ class OnTarget(Flights):
         self.flown += 1
         case = under_noise(work.test_case, work.noise)
         self.told[identity(work.test_case)] = told_in_order(work.test_case.stimuli)
-        return self._simulator.fly(case, DEADLINE_S)
+        flown = self._simulator.fly(case, DEADLINE_S)
+        return flown.flight, flown.packed
 
     def close(self) -> None:
         """End the simulator."""

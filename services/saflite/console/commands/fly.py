@@ -12,7 +12,7 @@ examples:
   saflite fly case.yaml --out flight.mcap --policy min-obstacle-distance
   saflite fly case.json --defect parachute-in-acro --json
   saflite fly case.json --twin turned --policy turned-alike
-  saflite fly mission.plan --target ardupilot --autopilot build/sitl/bin/arducopter
+  saflite fly mission.plan --target ardupilot --autopilot build/sitl/bin/arducopter --artefacts logs
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_wall_limit(parser)
     arguments.add_modules(parser)
     parser.add_argument("--out", type=Path, help="write a recording (.mcap)")
+    parser.add_argument("--artefacts", type=Path, metavar="DIR", help="write what the autopilot left (its logs) there")
     outputs.add_force(parser)
     arguments.add_anywhere(parser)
     parser.add_argument("--all", action="store_true", help="show policies that have nothing to say of this flight, too")
@@ -73,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.out is not None:
         outputs.check_file(args.out, force=args.force)
+    if args.artefacts is not None:
+        outputs.check_folder(args.artefacts, force=args.force, option="--artefacts")
     case = cases.with_changes(
         cases.load_case(args.case),
         target=args.target,
@@ -84,6 +87,9 @@ def run(args: argparse.Namespace) -> int:
     )
     cases.check_layout(case, str(args.case), args.anywhere)
     flown = judging.fly(case, args.wall_limit)
+    if args.artefacts is not None:  # first of all: who cannot judge a flight wants them the more
+        for name, data in flown.files:
+            outputs.write(args.artefacts / name, data, force=args.force)
     if flown.flight.ending not in FLOWN_ENDINGS:
         raise Unavailable(f"the flight ended as {flown.flight.ending}: {flown.flight.message}")
     policies, texts = with_texts(args.policy, Path())
@@ -106,6 +112,9 @@ def run(args: argparse.Namespace) -> int:
             out.line(f"twin       {judging.twin_in_words(case, judgement, found, texts)}")
         if args.out is not None:
             out.line(f"recording  {args.out}")
+        if args.artefacts is not None:
+            left = ", ".join(name for name, _ in flown.files) or f"none: {case.target.name} left no files"
+            out.line(f"artefacts  {args.artefacts}: {left}")
     code = judging.exit_code(judgement)
     if code == NOTHING_JUDGED:
         from saflite.console.operations import log_judging

@@ -158,14 +158,15 @@ class Bench:
         judged = tuple(name for name in policies if name != AUTOPILOT_ALIVE)
         for _ in range(TRIES):
             try:
-                flight, packed = self._simulator.fly(flown, self._wall_limit_s, noise, noise)
+                made = self._simulator.fly(flown, self._wall_limit_s, noise, noise)
             except Refused as fault:
                 return Sample(noise, "infra", None, message=str(fault))
             except Unavailable as fault:
                 sample = Sample(noise, "infra", None, message=str(fault))
                 continue
+            flight = made.flight
             if flight.ending in FLOWN_ENDINGS:
-                judgement = judging.judge(flown, judging.Flown(flight, packed), judged, texts)
+                judgement = judging.judge(flown, made, judged, texts)
                 return Sample(noise, flight.ending, judgement.verdicts, flight.trace_digest, judgement=judgement)
             sample = Sample(noise, flight.ending, None, message=flight.message)
         return sample

@@ -22,10 +22,11 @@ INPUT_SHOWN = 80
 
 
 class Flown(NamedTuple):
-    """A flight and its packed trace, empty if there is none."""
+    """A flight, its packed trace, empty if there is none, and the named files that it left behind."""
 
     flight: Flight
     packed: bytes
+    files: tuple[tuple[str, bytes], ...] = ()
 
 
 class OwnSimulator:
@@ -52,8 +53,9 @@ class OwnSimulator:
         assert isinstance(result, FlyResult)
         trace = result.flight.trace
         packed = b"" if trace is None else self._blobs.get(trace)
+        files = tuple((one.name, self._blobs.get(one.blob)) for one in result.flight.artefacts)
         self._blobs.kept.clear()
-        return Flown(result.flight, packed)
+        return Flown(result.flight, packed, files)
 
     def close(self) -> None:
         """End the simulator."""
