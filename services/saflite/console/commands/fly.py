@@ -72,10 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from saflite.contract.flight import FLOWN_ENDINGS
     from saflite.oracle.policy import policy_names
 
-    if args.out is not None:
-        outputs.check_file(args.out, force=args.force)
-    if args.artefacts is not None:
-        outputs.check_folder(args.artefacts, force=args.force, option="--artefacts")
+    _check_places(args)
     case = cases.with_changes(
         cases.load_case(args.case),
         target=args.target,
@@ -122,6 +119,14 @@ def run(args: argparse.Namespace) -> int:
         why = log_judging.why_nothing(judgement.verdicts)
         out.complain("NOTHING JUDGED", f"of {len(judgement.verdicts)} policies none was. {why}")
     return code
+
+
+def _check_places(args: argparse.Namespace) -> None:
+    """Raise Refused before anything is flown where something stands already that is not to be written over."""
+    if args.out is not None:
+        outputs.check_file(args.out, force=args.force)
+    if args.artefacts is not None:
+        outputs.check_folder(args.artefacts, force=args.force, option="--artefacts")
 
 
 def _recording(case: TestCase, flown: Flown, judgement: Judgement, texts: PolicyTexts) -> bytes:
