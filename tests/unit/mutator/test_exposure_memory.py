@@ -40,9 +40,10 @@ def alone(*hints: str) -> Strategy:
 
 
 def test_a_note_tells_when_whose_phase_began() -> None:
-    text = note(("upright",), "fresh", [Span("a-rtl1", 0.5), Span("upright", 12.25), Span("a-rtl1", 30.0)])
+    spans = (Span("a-rtl1", 0.5, "2-1.0-13.2"), Span("upright", 12.25), Span("a-rtl1", 30.0, "0"))
+    text = note(("upright",), "fresh", spans)
     assert read_note(text) == ("a-rtl1", "upright")
-    assert read_spans(text) == (("a-rtl1", 0.5), ("upright", 12.25), ("a-rtl1", 30.0))
+    assert read_spans(text) == spans
     assert read_spans(note(("upright",), "value")) == ()
 
 

@@ -18,15 +18,19 @@ NEAR = 0.8  # progress from which on a flight counts as a near miss
 SUSPECTED = 3.0  # the same for one that a setting bears on which takes values outside its range
 EASED = 8.0  # flights for a policy after which it gets a quarter of the attention: what a scorer passes over catches up
 SPOKEN = 40.0  # flights in which its rule applied, asked for or not, after which it gets half
-MARK, AT = "for ", "@"
+MARK, AT, BY = "for ", "@", "/"
 _TIME = re.compile(r"\d{1,9}(\.\d{1,9})?")
+_VARIANT = re.compile(r"\d{1,3}(-\d{1,3}\.\d{1,3})*")
 
 
 class Span(NamedTuple):
-    """A phase of a test case: the policy it was written for, and when it begins (s)."""
+    """A phase of a test case: the policy it was written for, when it begins (s), and by which variant of a procedure
+    of the policy it goes, where it is a whole one.
+    """
 
     policy: str
     from_s: float
+    variant: str = ""
 
 
 class Standing(NamedTuple):
@@ -80,8 +84,9 @@ class Attention:
 
 def note(policies: Iterable[str], how: str, spans: Iterable[Span] = ()) -> str:
     """Return the note of an origin: how a test case was made, for which policies, and when the phase of each began."""
-    words = [f"{policy}{AT}{from_s:.2f}" for policy, from_s in spans]
-    told = {policy for policy, _ in spans}
+    spans = tuple(spans)
+    words = [f"{span.policy}{AT}{span.from_s:.2f}{BY * bool(span.variant)}{span.variant}" for span in spans]
+    told = {span.policy for span in spans}
     return f"{how} {MARK}{' '.join([*words, *(one for one in dict.fromkeys(policies) if one not in told)])}"
 
 
@@ -92,8 +97,15 @@ def read_note(text: str) -> tuple[str, ...]:
 
 def read_spans(text: str) -> tuple[Span, ...]:
     """Return the phases a note tells of, in order: whose each was and when it began (s)."""
-    parts = (word.partition(AT) for word in _words(text))
-    return tuple(Span(policy, float(from_s)) for policy, _, from_s in parts if _TIME.fullmatch(from_s))
+    return tuple(span for word in _words(text) if (span := _span(word)) is not None)
+
+
+def _span(word: str) -> Span | None:
+    policy, _, rest = word.partition(AT)
+    from_s, _, variant = rest.partition(BY)
+    if not _TIME.fullmatch(from_s):
+        return None
+    return Span(policy, float(from_s), variant if _VARIANT.fullmatch(variant) else "")
 
 
 def _words(text: str) -> list[str]:

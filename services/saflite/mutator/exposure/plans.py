@@ -11,6 +11,7 @@ from saflite.mutator.exposure.hints import Hint
 from saflite.mutator.exposure.procedures import AIR, GROUND, Procedure
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.survival import Survival
+from saflite.mutator.exposure.tried import Tried, Variant
 
 Rng = np.random.Generator
 ENDING = 2.0  # how much more it counts that nothing flew after a policy's phase than that the vehicle came down
@@ -42,14 +43,20 @@ class Planner:
     """Decides which phases follow a procedure and which come last, from what earlier flights showed."""
 
     def __init__(
-        self, states: StateModel, survival: Survival, followed: float, crossed: float, lent: float = 0.0
+        self,
+        states: StateModel,
+        survival: Survival,
+        tried: Tried,
+        followed: float,
+        crossed: float,
+        lent: float = 0.0,
     ) -> None:
         """Take what is learnt and three shares.
 
         `followed` of the phases follow a procedure where there are some; `crossed` of those in the air begin while
         another one is under way. Before that `lent` of all follow one of a rule that the campaign is not about.
         """
-        self._states, self._survival = states, survival
+        self._states, self._survival, self._tried = states, survival, tried
         self._followed, self._crossed, self._lent = followed, crossed, lent
         self._procedures: Mapping[str, Sequence[Procedure]] = {}
         self._others: Sequence[Sequence[Procedure]] = ()
@@ -89,10 +96,18 @@ class Planner:
         known = self._procedures.get(hint.policy, ())
         if not known or rng.random() >= self._followed:
             return Task(hint)
-        own = known[int(rng.integers(len(known)))]
+        number = self._tried.least(rng, hint.policy, [one.number for one in known])
+        own = next(one for one in known if one.number == number)
         if own.begins != AIR or rng.random() >= self._crossed:
             return Task(hint, own)
         return Task(hint, own, self.any(rng, own.policy))
+
+    def variant(self, rng: Rng, task: Task) -> Variant | None:
+        """Return what chooses the options of a task's procedure; None for one drawn freely, crossed, or lent."""
+        procedure = task.procedure
+        if procedure is None or task.begun is not None or procedure.policy != task.hint.policy:
+            return None
+        return Variant(self._tried, rng, procedure)
 
     def any(self, rng: Rng, but: str = "") -> Procedure | None:
         """Return one in the air of any policy `but` one: each failsafe, and none, alike, however many are about it."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ AT_ENDS = (
 LEAST_WIDE = 5.0  # a range whose end is that many times its beginning is drawn from with all sizes alike
 PAUSE_S = {"parameter": (0.05, 0.3), "mode": (0.2, 1.5)}  # after a step that nothing is waited for
 SOON_S = (0.1, 0.8)
+PARTS_MAX = 10  # of a step that may leave options open
 NUMBERS_MAX, STEPS_MAX, WAIT_MAX_S, HEIGHT_MAX_M = 7, 40, 600.0, 1e4
 _BEGIN = re.compile(rf"(?P<policy>\S+) (?:{AIR} (?P<height>\S+)|(?P<where>{GROUND}|{TAKEOFF}))(?P<last> {LAST})?")
 _NUMBER = re.compile(r"-?\d{1,9}(\.\d{1,9})?")
@@ -52,6 +54,8 @@ class Span(NamedTuple):
 
 
 Choice = tuple[Span, ...]
+Choose = Callable[[int, int], int]
+"""Which of so many options (second) is taken at a place of the procedure (first) that leaves one open."""
 
 
 class Step(NamedTuple):
@@ -81,6 +85,7 @@ class Procedure(NamedTuple):
     lifts: bool
     last: bool
     steps: tuple[Step, ...]
+    number: int = 0  # among those of its policy
 
     @property
     def begins(self) -> str:
@@ -106,7 +111,8 @@ def read_procedures(
     for text in texts:
         one = _read(text, have)
         if policies is None or one.policy in policies:
-            kept.setdefault(one.policy, []).append(one)
+            found = kept.setdefault(one.policy, [])
+            found.append(one._replace(number=len(found)))
     return {policy: tuple(found) for policy, found in kept.items()}
 
 
@@ -168,16 +174,17 @@ def _refused(text: str) -> Refused:
     return Refused("strategy setting procedures", expected=SHAPE, got=repr(text))
 
 
-def moves(rng: Rng, procedure: Procedure, drawing: Drawing) -> list[Move]:
-    """Return the steps of a procedure with everything drawn that it leaves open."""
+def moves(rng: Rng, procedure: Procedure, drawing: Drawing, choose: Choose | None = None) -> list[Move]:
+    """Return the steps of a procedure with everything drawn that it leaves open; options by lot if nobody chooses."""
     made: list[Move] = []
-    for step in procedure.steps:
+    for number, step in enumerate(procedure.steps):
+        pick = partial(_picked, rng, choose, number)
         if step.wait_s is not None:
             made.append((made.pop() if made else Move(None, 0.0))._replace(after_s=step.wait_s.draw(rng)))
         elif step.release:
             made.append(Move(None, 0.0))
-        elif not step.maybe or rng.random() < 0.5:
-            stimulus = _given(rng, step, drawing)
+        elif not step.maybe or pick(0, 2) == 0:
+            stimulus = _given(rng, step, drawing, pick)
             low, high = (math.log(end) for end in PAUSE_S.get(stimulus.kind, SOON_S))
             made.append(Move(stimulus, math.exp(rng.uniform(low, high))))
     return made
@@ -203,22 +210,29 @@ def without_entry(steps: Sequence[Move]) -> list[Move]:
     return [*steps[:first], *steps[first + 1 :]]
 
 
-def _given(rng: Rng, step: Step, drawing: Drawing) -> Stimulus:
-    entry = step.entries[int(rng.integers(len(step.entries)))]
+def _picked(rng: Rng, choose: Choose | None, step: int, part: int, count: int) -> int:
+    """Return one of `count` options at a part of a step: whether it comes, with which input, with which numbers."""
+    if choose is None or count == 1:
+        return int(rng.integers(count))
+    return choose(step * PARTS_MAX + part, count)
+
+
+def _given(rng: Rng, step: Step, drawing: Drawing, pick: Choose) -> Stimulus:
+    entry = step.entries[pick(1, len(step.entries))]
     if step.usual:
         return drawing.moved(rng, entry) if entry.kind == "parameter" else drawing.given(rng, entry)
     if step.place is not None:
-        far, high = (_drawn(rng, choice) for choice in step.place)
+        far, high = (_drawn(rng, choice, pick, 2 + part) for part, choice in enumerate(step.place))
         return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=place(rng, far, high))
     if not step.numbers:
         return drawing.at_rest(rng, entry)
-    numbers = tuple(_fit(entry, _drawn(rng, choice)) for choice in step.numbers)
+    numbers = tuple(_fit(entry, _drawn(rng, choice, pick, 2 + part)) for part, choice in enumerate(step.numbers))
     unused = (0.0,) * (COUNT - len(numbers)) if entry.kind == "command" else ()
     return Stimulus(at_s=0.0, kind=entry.kind, name=entry.name, values=(*numbers, *unused))
 
 
-def _drawn(rng: Rng, choice: Choice) -> float:
-    return choice[int(rng.integers(len(choice)))].draw(rng)
+def _drawn(rng: Rng, choice: Choice, pick: Choose, part: int) -> float:
+    return choice[pick(part, len(choice))].draw(rng)
 
 
 def _fit(entry: Input, value: float) -> float:

@@ -12,6 +12,7 @@ from saflite.contract.ids import short_id
 from saflite.contract.target_info import TargetInfo
 from saflite.contract.test_case import Mission, MissionItem, Scenario, StartState
 from saflite.flight.mission import dump_plan, parse_plan
+from saflite.mutator.exposure.tried import Tried
 from saflite.mutator.exposure.vocabulary import pick
 from saflite.mutator.operators.commands import HOME_LAT_DEG, HOME_LON_DEG, NEAR_DEG
 
@@ -27,8 +28,13 @@ WAYPOINT, SPLINE, WAIT, STAY = 16, 82, 19, 17  # flown to; the last for good
 DELAY, PAUSE = 112, 93  # waited for beside the way on, and on the spot
 LEGS = {WAYPOINT: 45, SPLINE: 6, WAIT: 7, STAY: 2, JUMP: 7, SPEED: 12, YAW: 12, DELAY: 6, PAUSE: 3}
 """How often each item is drawn between take-off and end."""
+COVERED = 0.5  # share of items whose kind is the one that was flown least, not drawn by these weights
+TURNS = ((-1.0, 0.0), (0.0, 0.0), (1.0, 0.0), (-1.0, 1.0), (1.0, 1.0))
+"""Ways to turn in a mission: the side, and whether the angle counts from the heading at hand; a side for both."""
+BACK, AHEAD = range(2)  # where a jump leads
 MISSION_SPEED_MPS = (0.3, 12.0)  # one above what is flown at anyway bounds nothing
 HOLDS = 0.3  # share of places where the vehicle is to wait, besides those that are for that
+ITEM = "item"
 NOWHERE = 0.15  # share of places that say 0, 0: a place of the item before
 
 
@@ -38,7 +44,8 @@ class Scenarios(NamedTuple):
     own: Scenario
     modes: tuple[str, ...]
     missions: bool
-    lacks: frozenset[int] = frozenset()  # commands that the target takes in no mission
+    lacks: frozenset[int]  # commands that the target takes in no mission
+    tried: Tried  # which items were flown how often
 
     def begin(self, start: StartState) -> Scenario:
         """Return the campaign's scenario with another start."""
@@ -94,16 +101,46 @@ class Scenarios(NamedTuple):
         return _named(tuple(_leading_on(item, place) for place, item in enumerate(items)))
 
     def _leg(self, rng: Rng, height_m: float, before: int) -> MissionItem:
-        leg = _leg(rng, height_m, before)
-        while leg.command in self.lacks:
-            leg = _leg(rng, height_m, before)
-        return leg
+        """Return an item that follows `before` others; a jump goes back to one of them, or to the next."""
+        commands = [command for command in LEGS if command not in self.lacks]
+        by_weight = pick(rng, commands, [LEGS[command] for command in commands])
+        command = self.tried.least(rng, ITEM, commands) if rng.random() < COVERED else by_weight
+        if command in (WAYPOINT, SPLINE, WAIT, STAY):
+            waits = command == WAIT or (command != STAY and rng.random() < HOLDS)
+            up_m = round(height_m * _log_uniform(rng, 0.5, 2.0), 1)
+            place = _or_nowhere(rng, _near(rng, up_m))
+            return _item(command, float(rng.integers(1, 8)) if waits else 0.0, place=place)
+        if command == JUMP:
+            back = self.tried.least(rng, f"{ITEM} {JUMP}", (BACK, AHEAD)) == BACK
+            return _item(JUMP, float(rng.integers(2, before + 2) if back else before + 2), float(rng.integers(1, 3)))
+        if command == SPEED:
+            return _item(SPEED, 1.0, round(_log_uniform(rng, *MISSION_SPEED_MPS), 1))
+        if command == YAW:
+            side, relative = TURNS[self.tried.least(rng, f"{ITEM} {YAW}", range(len(TURNS)))]
+            angle_deg = rng.integers(10, 181) if relative else rng.integers(0, 360)
+            return _item(YAW, float(angle_deg), 0.0, side, relative)
+        return _item(command, float(rng.integers(1, 8)))
 
 
-def scenarios_of(own: Scenario, target: TargetInfo) -> Scenarios:
+def scenarios_of(own: Scenario, target: TargetInfo, tried: Tried | None = None) -> Scenarios:
     """Return what may be drawn for a target: the modes of its example start states."""
     modes = tuple(dict.fromkeys(start.mode for start in target.start_states))
-    return Scenarios(own, modes if own.mission is None else (), target.missions, frozenset(target.mission_lacks))
+    lacks = frozenset(target.mission_lacks)
+    return Scenarios(own, modes if own.mission is None else (), target.missions, lacks, tried or Tried())
+
+
+def items_of(mission: Mission) -> list[tuple[str, int]]:
+    """Return which items a mission has between take-off and end, as `Tried` counts them."""
+    flown: list[tuple[str, int]] = []
+    for place, item in enumerate(mission.items, start=1):
+        first, _, side, relative, *_ = item.params
+        if item.command in LEGS:
+            flown.append((ITEM, item.command))
+        if item.command == YAW and (side, relative) in TURNS:
+            flown.append((f"{ITEM} {YAW}", TURNS.index((float(side or 0.0), float(relative or 0.0)))))
+        if item.command == JUMP:
+            flown.append((f"{ITEM} {JUMP}", BACK if (first or 0.0) <= place else AHEAD))
+    return flown
 
 
 def _named(items: tuple[MissionItem, ...]) -> Mission:
@@ -115,25 +152,6 @@ def _named(items: tuple[MissionItem, ...]) -> Mission:
 
 def _log_uniform(rng: Rng, low: float, high: float) -> float:
     return math.exp(rng.uniform(math.log(low), math.log(high)))
-
-
-def _leg(rng: Rng, height_m: float, before: int) -> MissionItem:
-    """Return an item that follows `before` others; a jump goes back to one of them, or to the next, once or twice."""
-    command = pick(rng, tuple(LEGS), tuple(LEGS.values()))
-    if command in (WAYPOINT, SPLINE, WAIT, STAY):
-        waits = command == WAIT or (command != STAY and rng.random() < HOLDS)
-        up_m = round(height_m * _log_uniform(rng, 0.5, 2.0), 1)
-        place = _or_nowhere(rng, _near(rng, up_m))
-        return _item(command, float(rng.integers(1, 8)) if waits else 0.0, place=place)
-    if command == JUMP:
-        return _item(JUMP, float(rng.integers(2, before + 3)), float(rng.integers(1, 3)))
-    if command == SPEED:
-        return _item(SPEED, 1.0, round(_log_uniform(rng, *MISSION_SPEED_MPS), 1))
-    if command == YAW:
-        if rng.random() < 0.5:
-            return _item(YAW, float(rng.integers(0, 360)), 0.0, float(rng.integers(-1, 2)))
-        return _item(YAW, float(rng.integers(10, 181)), 0.0, 1.0 if rng.random() < 0.5 else -1.0, 1.0)
-    return _item(command, float(rng.integers(1, 8)))
 
 
 def _near(rng: Rng, up_m: float) -> tuple[float, float, float]:

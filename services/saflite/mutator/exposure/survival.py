@@ -28,7 +28,7 @@ class Survival:
         spans = read_spans(case.origin.note)
         given = [step for step in transitions if 0 <= step.stimulus < len(case.stimuli)]
         steps = [(case.stimuli[step.stimulus].at_s, step) for step in given]
-        for (policy, from_s), following in zip_longest(spans, spans[1:]):
+        for (policy, from_s, _), following in zip_longest(spans, spans[1:]):
             to_s = following.from_s if following is not None else math.inf
             if not any(flies(step.before) or flies(step.after) for at_s, step in steps if from_s <= at_s < to_s):
                 continue

@@ -18,7 +18,7 @@ from saflite.mutator.exposure.hints import Hint
 from saflite.mutator.exposure.phases import PAUSE_S, SET_PAUSE_S, Phase, Script, Stimuli, Tempo
 from saflite.mutator.exposure.plans import Planner, Task
 from saflite.mutator.exposure.probes import Probes, beyond
-from saflite.mutator.exposure.procedures import AIR, GROUND, Move, Procedure, broken_off, moves, without_entry
+from saflite.mutator.exposure.procedures import AIR, GROUND, Move, broken_off, moves, without_entry
 from saflite.mutator.exposure.recipes import Recipe, Recipes
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.taken import Taken
@@ -101,11 +101,13 @@ class Writer:
                 mode, down = self._bringing.bring(rng, script, task, mode, down)
             if script.is_full:
                 break
-            spans.append(Span(style.hint.policy, from_s))
+            variant = self._plans.variant(rng, task)
             if task.procedure is None:
                 mode = self.phase(rng, script, style, mode)
             else:
-                mode = self._follow(rng, script, style, task, task.procedure, mode)
+                steps = moves(rng, task.procedure, self._drawing, variant)
+                mode = self._follow(rng, script, style, task, steps, mode)
+            spans.append(Span(style.hint.policy, from_s, variant.text if variant else ""))
             down = self._plans.down(task, mode, down)
         return script.stimuli(), tuple(spans)
 
@@ -129,10 +131,9 @@ class Writer:
             script.give(order or self._drawing.draw(self._drawing.style(rng, hint), rng))
         return script.stimuli()
 
-    def _follow(self, rng: Rng, script: Script, style: Style, task: Task, procedure: Procedure, mode: str) -> str:
-        """Write a procedure as a phase, with a setting of the rule's moved or a few inputs more; return its mode."""
+    def _follow(self, rng: Rng, script: Script, style: Style, task: Task, steps: list[Move], mode: str) -> str:
+        """Write steps as a phase, with a setting of the rule's moved or a few inputs more; return its mode."""
         own = [entry for entry in (*style.hint.read, *style.hint.inputs) if entry.kind == "parameter"]
-        steps = moves(rng, procedure, self._drawing)
         if task.begun is not None:
             steps = steps if rng.random() < ENTERED else without_entry(steps)
             steps = [*broken_off(rng, moves(rng, task.begun, self._drawing)), *steps]

@@ -37,10 +37,11 @@ from saflite.mutator.exposure.procedures import SHAPE as PROCEDURE_SHAPE
 from saflite.mutator.exposure.procedures import Procedure, read_procedures
 from saflite.mutator.exposure.progress import answers, applied_s, by_policy
 from saflite.mutator.exposure.recipes import Recipes
-from saflite.mutator.exposure.scenarios import Scenarios, scenarios_of
+from saflite.mutator.exposure.scenarios import Scenarios, items_of, scenarios_of
 from saflite.mutator.exposure.state_model import StateModel
 from saflite.mutator.exposure.survival import Survival
 from saflite.mutator.exposure.taken import Taken
+from saflite.mutator.exposure.tried import Tried
 from saflite.mutator.exposure.vocabulary import Vocabulary
 from saflite.mutator.exposure.writer import Memory, Writer
 from saflite.mutator.operators import inputs
@@ -121,16 +122,15 @@ class Strategy:
         self._rest = {(entry.kind, entry.name): entry.default for entry in target.inputs if entry.default is not None}
         self._rest.update({("parameter", name): value for name, value in template.target.parameters.items()})
         self._probes = Probes({} if self._in_range else self._have)
-        self._scenarios: Scenarios = scenarios_of(template.scenario, target)
-        self._taken, self._survival = Taken(), Survival()
+        self._taken, self._survival, self._tried = Taken(), Survival(), Tried()
+        self._scenarios: Scenarios = scenarios_of(template.scenario, target, self._tried)
         self._vocabulary = Vocabulary(self._have, self._taken)
-        self._attention = Attention(policies)
-        self._states = StateModel()
+        self._attention, self._states = Attention(policies), StateModel()
         shares = Shares(*(self._chosen.real(name) for name in Shares._fields))
         self._drawing = Drawing(self._vocabulary, self._rest, shares)
         self._recipes = Recipes({hint.policy: hint.quiet_s for hint in hints})
         followed, crossed, lent = (self._chosen.real(name) for name in ("followed", "crossed", "lent"))
-        self._plans = Planner(self._states, self._survival, followed, crossed, lent)
+        self._plans = Planner(self._states, self._survival, self._tried, followed, crossed, lent)
         told = read_procedures(self._chosen.words("procedures"), policies, all_there_are)
         others = read_procedures(self._chosen.words("others"), None, all_there_are)
         self._plans.tell_of(
@@ -160,6 +160,7 @@ class Strategy:
             self._vocabulary.tell(case, progress, given, taken)
             self._taken.tell(case, outcome.transitions, given, taken)
             self._survival.tell(case, outcome.transitions, crashed=crashed)
+            self._tried.tell(case, given, items_of(mission) if (mission := case.scenario.mission) is not None else ())
             self._attention.tell(case, progress)
             self._recipes.tell(case, applied_s(outcome), sorted(taken))
             self._corpus.tell(case, progress, self._states.tell(case, outcome.transitions, crashed=crashed))
@@ -169,6 +170,7 @@ class Strategy:
     def ask(self, count: int, rng: Rng) -> list[TestCase]:
         """Return `count` test cases; each is for a few policies that want the same kind of start."""
         each = max(1, round(min(POLICIES_MOST, self._template.scenario.time_limit_s / SECONDS_EACH)))
+        self._tried.begin()
         lax = self._probes.singled_out
         suspected = {hint.policy for hint in self._hints.values() if lax.intersection(hint.names())}
         rotation = self._attention.rotation(rng, each * count, suspected)
