@@ -29,6 +29,9 @@ LOG_BYTES_MAX = 512 * 2**20
 
 DEPTH_MAX = 32
 COLUMNS_MAX = 1_000
+FIELDS_MAX = TEXT_BYTES_MAX
+"""Of a table, those that its rows leave out among them: a text of full rows has no more."""
+
 NAME_SHOWN = 80
 WHOLE_MAX = 2**63 - 1
 _Place = tuple[Any, str | int] | None
@@ -146,11 +149,14 @@ def parse_csv(text: str, what: str, where: str) -> list[list[str]]:
 def parse_table(text: str, what: str, where: str) -> list[dict[str, str]]:
     """Return the rows of a CSV text by the columns its first row names, a missing field as empty; raises Refused.
 
-    Also for more than `COLUMNS_MAX` columns.
+    Also for more than `COLUMNS_MAX` columns, or `FIELDS_MAX` fields.
     """
     heads, *rows = parse_csv(text, what, where) or [[]]
     if len(heads) > COLUMNS_MAX:  # each row has all of them, however short it is
         raise Refused(what, where=where, expected=f"at most {COLUMNS_MAX} columns", got=len(heads))
+    if len(heads) * len(rows) > FIELDS_MAX:
+        got = f"{len(rows)} rows of {len(heads)}"
+        raise Refused(what, where=where, expected=f"at most {FIELDS_MAX} fields", got=got)
     return [dict(zip_longest(heads, row[: len(heads)], fillvalue="")) for row in rows if row]
 
 

@@ -130,3 +130,5 @@ def test_a_table_takes_time_with_its_length_alone() -> None:
         outside.parse_table(text, "labels", "file")
     rows = outside.parse_table("\n".join([",".join(map(str, range(1000))), "1", "2"]), "labels", "file")
     assert [len(row) for row in rows] == [1000, 1000]
+    with pytest.raises(Refused, match="at most 4194304 fields, got 5000 rows of 1000"):  # 10 KB, and 4 MB took 80 GB
+        outside.parse_table("\n".join([",".join(map(str, range(1000))), *["1"] * 5000]), "labels", "file")
