@@ -19,8 +19,11 @@ from saflite.contract.work import PolicyTexts
 T = TypeVar("T")
 ATTACHMENTS_MAX = 64
 """We write four."""
+SUMMARY_BYTES_MAX = 2**22
+"""Of what tells where the rest lies: kinds of messages, and some 100 bytes for each MiB of them."""
+
 _MAGIC = b"\x89MCAP0\r\n"
-_FOOTER, _DATA_END = struct.Struct("<BQQQI"), struct.Struct("<BQI")
+_RECORD_HEAD, _FOOTER, _DATA_END = struct.Struct("<BQ"), struct.Struct("<BQQQI"), struct.Struct("<BQI")
 _TAIL = _FOOTER.size + len(_MAGIC)
 
 
@@ -66,18 +69,21 @@ def verify(path: Path) -> int:
 
 
 def _attachments(path: Path) -> dict[str, bytes]:
-    from mcap.reader import make_reader
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Attachment
 
     try:
         data = _sound(path)
-        reader = make_reader(io.BytesIO(data), validate_crcs=True)
-        summary = reader.get_summary()
-        if summary is None:
-            raise _damaged(path, "no summary at its end")
-        if len(summary.attachment_indexes) > ATTACHMENTS_MAX:  # the same large one may be listed again and again
-            raise _damaged(path, f"{len(summary.attachment_indexes)} attachments, not at most {ATTACHMENTS_MAX}")
-        found, left = dict[str, bytes](), len(data)
-        for attachment in reader.iter_attachments():
+        starts = _starts(data)
+        if len(starts) > ATTACHMENTS_MAX:  # the same large one may be listed again and again
+            raise _damaged(path, f"{len(starts)} attachments, not at most {ATTACHMENTS_MAX}")
+        found, left, stream = dict[str, bytes](), len(data), io.BytesIO(data)
+        for start in starts:
+            if data[start : start + 1] != bytes([Opcode.ATTACHMENT]):  # the library would read whatever lies there
+                raise _damaged(path, f"no attachment at byte {start}, where its summary says")
+            stream.seek(start + _RECORD_HEAD.size)
+            attachment = Attachment.read(ReadDataStream(stream))
             left -= len(attachment.data)
             if left < 0:  # one that lies within another is copied with each that it lies in
                 raise _damaged(path, f"attachments of more than its {len(data)} bytes")
@@ -85,6 +91,23 @@ def _attachments(path: Path) -> dict[str, bytes]:
     except _faults() as fault:
         raise _damaged(path, fault) from fault
     return found
+
+
+def _starts(data: bytes) -> list[int]:
+    """Return where the summary of a sound file says that attachments lie; raises ValueError for one that is too long.
+
+    The library's own reader of summaries keeps all that stands there, and unpacks chunks, which have no place there:
+    80 KB of one, packed, are 2.5 GB. What a record says of its own length is not checked by it, so no more is handed
+    to it than what may be read at once.
+    """
+    from mcap.records import AttachmentIndex
+    from mcap.stream_reader import StreamReader
+
+    summary = data[_FOOTER.unpack_from(data, len(data) - _TAIL)[2] :]
+    if len(summary) > SUMMARY_BYTES_MAX:
+        raise ValueError(f"a summary of {len(summary)} bytes, not at most {SUMMARY_BYTES_MAX}")
+    records = StreamReader(io.BytesIO(summary), skip_magic=True, emit_chunks=True).records
+    return [record.offset for record in records if isinstance(record, AttachmentIndex)]
 
 
 def _sound(path: Path) -> bytes:

@@ -308,6 +308,41 @@ def test_a_recording_whose_attachments_lie_within_each_other_is_refused(tmp_path
         recording.read(tmp_path / "a.mcap")
 
 
+def packed_zeros(blocks: int) -> bytes:
+    """A chunk of so many times 128 KiB of zeros: four bytes each, by zstd's own description of its frames."""
+    ends = [(index == blocks - 1) | 1 << 1 | 2**17 << 3 for index in range(blocks)]
+    frame = struct.pack("<IBBQ", 0xFD2FB528, 0b11 << 6, 7 << 3, blocks * 2**17)
+    frame += b"".join(end.to_bytes(3, "little") + b"\0" for end in ends)
+    content = struct.pack("<QQQII4sQ", 0, 0, blocks * 2**17, 0, 4, b"zstd", len(frame)) + frame
+    return struct.pack("<BQ", 0x06, len(content)) + content
+
+
+@pytest.mark.parametrize("place", ["summary", "data"])
+def test_no_chunk_is_unpacked_for_what_is_attached(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """80 KB took 2.5 GB where a chunk stood in the summary, or where that said an attachment was."""
+    monkeypatch.setattr("zstandard.decompress", lambda *_: pytest.fail("it was unpacked"))
+    head = b"\x89MCAP0\r\n" + struct.pack("<BQII", 0x01, 8, 0, 0)
+    index = struct.pack("<BQQQQQQI1sI1s", 0x0A, 50, len(head), 9, 0, 0, 0, 1, b"a", 1, b"x")
+    body = head + (packed_zeros(4) if place == "data" else b"") + struct.pack("<BQI", 0x0F, 4, 0)
+    summary = index if place == "data" else packed_zeros(4)
+    footer = struct.pack("<BQQQI", 0x02, 20, len(body), 0, 0)
+    (tmp_path / "a.mcap").write_bytes(body + summary + footer + b"\x89MCAP0\r\n")
+    expected = rf"no attachment at byte {len(head)}" if place == "data" else r"attachment test_case\.json, got none"
+    with pytest.raises(Refused, match=expected):
+        recording.read(tmp_path / "a.mcap")
+
+
+def test_a_summary_longer_than_any_is_refused(tmp_path: Path) -> None:
+    """Each of its records is kept by the library, at ten times its bytes; so are the entries of one."""
+    body = b"\x89MCAP0\r\n" + struct.pack("<BQIIBQI", 0x01, 8, 0, 0, 0x0F, 4, 0)
+    record = struct.pack("<BQQQQQQI1sI1s", 0x0A, 50, 0, 9, 0, 0, 0, 1, b"a", 1, b"x")
+    summary = record * (recording.SUMMARY_BYTES_MAX // len(record) + 1)
+    footer = struct.pack("<BQQQI", 0x02, 20, len(body), 0, 0)
+    (tmp_path / "a.mcap").write_bytes(body + summary + footer + b"\x89MCAP0\r\n")
+    with pytest.raises(Refused, match=r"a summary of \d+ bytes, not at most 4194304"):
+        recording.read(tmp_path / "a.mcap")
+
+
 @pytest.mark.parametrize("start_unix_s", [START_UNIX_S, 1e300])
 def test_a_trace_longer_than_any_flight_is_recorded_with_its_end_cut_off(start_unix_s: float) -> None:
     """A few packed KiB unfold to more seconds than nanoseconds in 64 bits can count."""
