@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from saflite.flight.logs.dataflash_damage import sound
 from saflite.flight.logs.files import read_log
 from saflite.flight.logs.flight_log import FlightLog
 from saflite.flight.logs.resample import Columns
+from saflite.flight.logs.topics import RECEIVERS_MAX
 from saflite.oracle.judge import judge
 
 FMT_BYTES = 89
@@ -213,6 +215,35 @@ def test_a_px4_log_of_more_messages_than_any_is_refused(
                 continue
             with pytest.raises(Refused, match=r"PX4 log .*at most 150 messages, got more"):
                 read(data, tmp_path, "log.ulg")
+
+
+def test_receivers_without_number_are_told_apart_at_one_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    """130 KB of rows, each of a receiver of its own, took two minutes: all were looked at again for each."""
+    looks = Counter[str]()
+
+    def counted(fields: dict[str, Any]) -> float:
+        looks["all"] += 1
+        return float(fields["I"])
+
+    monkeypatch.setattr(dataflash_rows, "_instance", counted)
+    told = [(0.1 * number, {"I": number % 300, "Status": 3 * (number % 300 == 7)}) for number in range(3000)]
+    used = dataflash_rows._used_receiver({"GPS": told, "GPS2": []})
+    assert {fields["I"] for _, fields in used} == {7}
+    assert looks["all"] == len(told)
+
+
+def test_more_receivers_than_px4_can_have_are_refused(tmp_path: Path) -> None:
+    """2 MB took as many GB: for each row of all, each receiver was looked at."""
+    names = ["sensor_gps", *(f"sensor_gps#{number}" for number in range(1, RECEIVERS_MAX + 1))]
+    for count in (RECEIVERS_MAX, RECEIVERS_MAX + 1):
+        topics = {"vehicle_local_position": POSITION, **{name: [("B", "fix_type")] for name in names[:count]}}
+        rows = [("vehicle_local_position", 5 + tenth / 10, (0.0,) * 6 + (True,)) for tenth in range(100)]
+        data = ulog(topics, [*rows, *((name, 6.0, (3,)) for name in names[:count])])
+        if count == RECEIVERS_MAX:
+            assert read(data, tmp_path, "log.ulg").trace.samples
+            continue
+        with pytest.raises(Refused, match=r"11 receivers of sensor_gps, more than 10"):
+            read(data, tmp_path, "log.ulg")
 
 
 @pytest.mark.parametrize("kind", ["messages", "pieces", "rows"])

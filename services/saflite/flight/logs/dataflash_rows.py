@@ -188,13 +188,16 @@ def _used_receiver(rows: Rows) -> list[Row]:
     used = [row for row in both if row[1].get("U") in (1, "1")]
     if used:
         return used
-    apart = [_of(rows["GPS"], number) for number in sorted({_instance(fields) for _, fields in rows["GPS"]})]
-    return max([*apart, rows["GPS2"]], key=lambda told: sum(status >= FIX_3D for _, status in points(told, "Status")))
+    apart = defaultdict[float, list[Row]](list)
+    for row in rows["GPS"]:
+        apart[_instance(row[1])].append(row)
+    receivers = [*(apart[number] for number in sorted(apart)), rows["GPS2"]]
+    return max(receivers, key=lambda told: sum(status >= FIX_3D for _, status in points(told, "Status")))
 
 
 def _instance(fields: dict[str, Any]) -> float:
     value = next((fields[name] for name in _INSTANCE if name in fields), 0)
-    return float(value) if str(value).isdigit() else 0.0
+    return float(value) if str(value).isdecimal() else 0.0
 
 
 def lowest(rows: list[Row]) -> float:

@@ -17,6 +17,8 @@ Column = tuple[NDArray[np.float64], NDArray[np.float64]]
 _RECEIVERS = ("sensor_gps", "vehicle_gps_position")
 _FIX, _SATELLITES_MAX = ("fix_type", "satellites_used"), 256
 _SILENT_US = 2_000_000
+RECEIVERS_MAX = 10
+"""Instances of a topic that PX4 can have (ORB_MULTI_MAX_INSTANCES). Each is looked at for every row of all."""
 
 
 def chosen(datasets: Iterable[Any]) -> tuple[dict[str, Topic], tuple[str, ...]]:
@@ -26,7 +28,7 @@ def chosen(datasets: Iterable[Any]) -> tuple[dict[str, Topic], tuple[str, ...]]:
     Of several receivers each row is that of the one with the better position then, as PX4 chooses. Rows whose time is
     later than most of the log by more than a flight lasts are damage, and left out.
 
-    Raises ValueError where they are another flight.
+    Raises ValueError where they are another flight, or where there are more receivers than can be.
     """
     found: dict[str, list[Topic]] = {}
     dropped = 0
@@ -39,6 +41,9 @@ def chosen(datasets: Iterable[Any]) -> tuple[dict[str, Topic], tuple[str, ...]]:
         if good.any():
             found.setdefault(dataset.name, []).append({name: values[good] for name, values in dataset.data.items()})
     several = {name for name in _RECEIVERS if len(found.get(name, ())) > 1}
+    for name in several:
+        if len(found[name]) > RECEIVERS_MAX:
+            raise ValueError(f"{len(found[name])} receivers of {name}, more than {RECEIVERS_MAX}")
     topics = {name: _better(told) if name in several else told[0] for name, told in found.items()}
     return topics, (told_far_off(dropped),) if dropped else ()
 
