@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-from collections.abc import Collection
-from contextlib import suppress
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
@@ -127,3 +127,17 @@ def kill_strays(known: Collection[int]) -> list[int]:
                 os.waitpid(pid, 0)
             killed.append(pid)
     return killed
+
+
+@contextmanager
+def no_strays() -> Iterator[None]:
+    """Kill in the end what was started inside and is not reaped yet, whatever session it has made for itself.
+
+    For a process that starts nothing else meanwhile: whatever is not there before counts as started inside.
+    """
+    adopt_orphans()
+    bystanders = set(children(os.getpid()))
+    try:
+        yield
+    finally:
+        kill_strays(bystanders)

@@ -13,6 +13,7 @@ import pytest
 import saflite
 from saflite.contract.config import environment_of_program
 from saflite.flight.autopilots import console
+from saflite.flight.autopilots.external import process as external_process
 from saflite.flight.autopilots.external.aircraft import Aircraft
 from saflite.flight.autopilots.external.process import Process
 
@@ -63,6 +64,21 @@ def test_a_program_that_prints_without_end_fills_a_bounded_file(monkeypatch: pyt
     finally:
         for handle in {file, reader, writer}:
             os.close(handle)
+
+
+def test_a_file_that_a_program_writes_without_end_ends_and_the_program_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log without end filled the disk of its host; a signal in its place would pass for a death in flight."""
+    monkeypatch.setattr(external_process, "FILE_BYTES_MAX", 2**16)
+    words = ["/bin/sh", "-c", "cat /dev/zero >log; echo goes on"]
+    process = Process(words, tmp_path, environment={"PATH": os.defpath}, age_max_s=30.0)
+    try:
+        assert process.wait_for_words("goes on", 30.0), process.console
+        assert (tmp_path / "log").stat().st_size == 2**16
+        assert process.how_it_ended().startswith("the autopilot ended with exit code 0")
+    finally:
+        process.end()
 
 
 class _Left(Aircraft):

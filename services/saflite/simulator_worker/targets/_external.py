@@ -21,6 +21,7 @@ from saflite.flight.autopilots.external.listing import Listing
 from saflite.flight.autopilots.external.place import Place
 from saflite.simulator_worker.forks import Forks
 from saflite.simulator_worker.prefixes import agree_until_s
+from saflite.simulator_worker.processes import no_strays
 from saflite.simulator_worker.slots import take_slot
 
 ASKED_S = 90.0
@@ -87,7 +88,8 @@ class ExternalTarget(NamedTuple):
         try:
             ports = range(info.first_port, info.first_port + info.ports)
             _check_ports(ports)
-            return self.adapter.ask(binary, Place(Path(info.folder), ports, ASKED_S))
+            with no_strays():
+                return self.adapter.ask(binary, Place(Path(info.folder), ports, ASKED_S))
         finally:
             held.release()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import resource
 import select
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from pathlib import Path
 
 from saflite.contract.errors import Unavailable
 from saflite.contract.memory_faults import is_memory_report
+from saflite.contract.outside import LOG_BYTES_MAX
 from saflite.flight.autopilots.console import printed
 from saflite.flight.autopilots.external.spinning import Spinning
 
@@ -24,10 +26,14 @@ READ_BYTES = 65_536
 READS_MAX = 64
 """At once; a program that prints faster than it is read would be listened to for ever."""
 END_S = 2.0
+FILE_BYTES_MAX = LOG_BYTES_MAX
+"""Of each file that a program writes: a longer log is not taken for one."""
+
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 REALTIME_PRIORITY = 5
 _PRIORITY = ctypes.c_int(REALTIME_PRIORITY)
+_IGNORE = ctypes.c_void_p(1)  # SIG_IGN
 _BUSY = "RD"
 _DEATHS = re.compile(r"PANIC|floating point exception|runtime error:|aborted", re.I)
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
@@ -72,7 +78,7 @@ class Process:
                 stderr=theirs,
                 start_new_session=True,
                 pass_fds=keeps,
-                preexec_fn=partial(_begin, realtime),  # noqa: PLW1509  (system calls, looked up before)
+                preexec_fn=partial(_begin, realtime, _file_bytes_max()),  # noqa: PLW1509  (calls looked up before)
             )
         except OSError as fault:
             os.close(ours)
@@ -233,11 +239,23 @@ def _die_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
 
 
-def _begin(realtime: bool) -> None:
-    """The same; have it run before others whenever it can, where this user may ask for that."""
+def _begin(realtime: bool, file_bytes_max: int) -> None:
+    """The same; have it run before others whenever it can, where this user may ask for that.
+
+    What would make a file longer than `file_bytes_max` fails, and the program goes on: left to itself the kernel would
+    end it with a signal, which would pass for a death that the flight has caused.
+    """
     _die_with_parent()
+    _LIBC.signal(signal.SIGXFSZ, _IGNORE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes_max, file_bytes_max))
     if realtime:
         _LIBC.sched_setscheduler(0, os.SCHED_FIFO, ctypes.byref(_PRIORITY))
+
+
+def _file_bytes_max() -> int:
+    """Return how long files of a program may become: `FILE_BYTES_MAX`, or what is allowed here."""
+    allowed = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    return FILE_BYTES_MAX if allowed == resource.RLIM_INFINITY else min(FILE_BYTES_MAX, allowed)
 
 
 def _after_name(stat: Path) -> list[str]:
