@@ -113,8 +113,9 @@ def stands_by_height(columns: Columns, armed: Points) -> Points:
             until_s = armed[number + 1][0] if number + 1 < len(armed) else np.inf
             times, values = height
             ground = float(np.interp(at_s, times, values))
-            off = times[(times >= at_s) & (times < until_s) & (values > ground + _LEFT_GROUND_M)]
-            points += [(float(off[0]), 0.0)] if len(off) else []
+            first, last = np.searchsorted(times, [at_s, until_s])
+            off = np.flatnonzero(values[first:last] > ground + _LEFT_GROUND_M)
+            points += [(float(times[first + off[0]]), 0.0)] if len(off) else []
     return points
 
 

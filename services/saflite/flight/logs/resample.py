@@ -157,11 +157,12 @@ class Columns:
 
     def _leapt(self, times: Array) -> Array:
         """By how much leaps have changed the height until each time, metres, shape (n,)."""
-        changed_m = np.zeros(len(times))
-        for from_s, to_s in self.height_leaps:
-            up_m = float(np.diff(np.interp([from_s, to_s], *self._columns["altitude_m"]))[0])
-            changed_m += up_m * np.clip((times - from_s) / (to_s - from_s), 0.0, 1.0)
-        return changed_m
+        if not self.height_leaps:
+            return np.zeros(len(times))
+        ends_s = np.array(self.height_leaps)  # shape (k, 2), in order: between samples, each after the one before
+        up_m = np.diff(np.interp(ends_s, *self._columns["altitude_m"]))
+        after_m = np.cumsum(up_m, axis=0)
+        return np.asarray(np.interp(times, ends_s.ravel(), np.hstack([after_m - up_m, after_m]).ravel()))
 
     def _origin(self, name: str, start_s: float) -> float:
         """What is taken off a column: positions count from the first one, a height aimed at from the first height."""

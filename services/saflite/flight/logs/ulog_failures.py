@@ -89,11 +89,12 @@ def _since_a_hit(
     at_s: NDArray[np.float64], lost: NDArray[np.bool_], armed: NDArray[np.bool_], hits_s: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return from where a vehicle lies that hit something just after its attitude was lost, until it is disarmed."""
-    lies = np.zeros(len(at_s), dtype=np.bool_)
     hits_s = hits_s[armed[np.maximum(np.searchsorted(at_s, hits_s, side="right") - 1, 0)]]
-    for hit_s in struck(hits_s, at_s[lost & armed], np.append(at_s[~armed], at_s[-1])):
-        lies |= (at_s >= hit_s) & (at_s < np.append(at_s[(at_s > hit_s) & ~armed], np.inf)[0])
-    return lies
+    hit_s = struck(hits_s, at_s[lost & armed], np.append(at_s[~armed], at_s[-1]))
+    off_s = np.append(at_s[~armed], np.inf)
+    until_s = off_s[np.searchsorted(off_s, hit_s, side="right")]
+    begun, over = (np.searchsorted(np.sort(ends), at_s, side="right") for ends in (hit_s, until_s))
+    return np.asarray(begun > over)
 
 
 def _crashes(
