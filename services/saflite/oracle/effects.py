@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.test_case import Stimulus
+from saflite.oracle.courses import within
 
 FLAGS = ("gps_true", "gps_settled", "baro_true", "baro_settled", "body_true", "sticks_true", "ends_true")
 """`*_true`: the reading is the truth. `*_settled`: the estimate has come to terms with the reading, true or not."""
@@ -149,7 +150,7 @@ def undisturbed(
         times: when, shape (moments,).
         ranges: least and greatest value of settings, as documented, by name; others may take any.
     """
-    down = np.zeros(len(times), dtype=bool)
+    spans: list[tuple[float, float]] = []
     preset = [Stimulus(at_s=-np.inf, kind="parameter", name=name, values=(value,)) for name, value in before.items()]
     held: dict[str, tuple[float, Effect]] = {}
     since: dict[str, float] = {}
@@ -165,17 +166,16 @@ def undisturbed(
         settled_s = one.at_s + effect.settles_s + abs(value - old) * effect.per_unit_s
         if effect.stays and flag.endswith("_true"):
             settled_s = np.inf
-        down |= (times >= one.at_s - 1e-9) & (times < settled_s)
+        spans.append((one.at_s - 1e-9, settled_s))
         if name in since:
             start_s = since.pop(name)
             settled_s += _unlearnt_s(old, (low, high), one.at_s - start_s) if effect.learnt else 0.0
-            down |= (times >= start_s - 1e-9) & (times < settled_s)
+            spans.append((start_s - 1e-9, settled_s))
         if flag in effect.lasting and value != effect.healthy:
             since[name] = one.at_s
         held[name] = (value, effect)
-    for start_s in since.values():
-        down |= times >= start_s - 1e-9
-    return (~down).astype(np.float64)
+    spans += [(start_s - 1e-9, np.inf) for start_s in since.values()]
+    return (~within(spans, times)).astype(np.float64)
 
 
 def _unlearnt_s(offset: float, limits: tuple[float, float], lasted_s: float) -> float:

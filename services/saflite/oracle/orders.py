@@ -15,6 +15,7 @@ from saflite.contract.test_case import DEFAULT_TARGET, Stimulus, TestCase
 from saflite.flight.autopilots.described import default_settings
 from saflite.flight.mission import to_local
 from saflite.flight.world.jsbsim_world import HOME_LAT_DEG, HOME_LON_DEG
+from saflite.oracle.courses import set_last
 
 Array = NDArray[np.float64]
 NEVER_S = 1e6
@@ -281,12 +282,14 @@ def setting_over_time(name: str, test_case: TestCase, given: Sequence[Given], ti
     """
     row = SETTINGS[name]
     usual = default_settings(test_case.target.name).get(row.parameter, row.default)
-    held = np.full(len(times), test_case.target.parameters.get(row.parameter, usual))
-    for stimulus, answer, _ in given:
-        if not stimulus.values or not (_names(stimulus, row.parameter) or _switches(stimulus, row.parameter)):
-            continue
-        if answer != "unanswered" or row.low <= stimulus.values[0] <= row.high:
-            held[times >= stimulus.at_s] = stimulus.values[0]
+    changes = [
+        (stimulus.at_s, stimulus.values[0])
+        for stimulus, answer, _ in given
+        if stimulus.values
+        and (_names(stimulus, row.parameter) or _switches(stimulus, row.parameter))
+        and (answer != "unanswered" or row.low <= stimulus.values[0] <= row.high)
+    ]
+    held = set_last(changes, np.full(len(times), test_case.target.parameters.get(row.parameter, usual)), times)
     if row.kept:
         held = np.maximum.accumulate(np.abs(held))
     return (np.trunc(held + np.copysign(ROUNDED_UP, held)) if row.whole else held) * row.unit
@@ -304,11 +307,8 @@ def _switches(stimulus: Stimulus, parameter: str) -> bool:
 
 def speed_ordered(given: Sequence[Given], usual_mps: Array, times: Array) -> Array:
     """Return the speed of autonomous modes, shape (moments,): as set, or as DO_CHANGE_SPEED last ordered it."""
-    held = usual_mps.copy()
-    for stimulus, _, _ in given:
-        if _is(stimulus, "DO_CHANGE_SPEED") and _numbers(stimulus)[1] >= SPEED_LEAST_MPS:
-            held[times >= stimulus.at_s] = _numbers(stimulus)[1]
-    return held
+    told = ((one.at_s, _numbers(one)[1]) for one, _, _ in given if _is(one, "DO_CHANGE_SPEED"))
+    return set_last([(at_s, speed_mps) for at_s, speed_mps in told if speed_mps >= SPEED_LEAST_MPS], usual_mps, times)
 
 
 class Place(NamedTuple):
@@ -357,16 +357,17 @@ def home_off(
         (float(times[at]), int(at), ()) for at in np.flatnonzero((armed[1:] > 0) & (armed[:-1] == 0)) + 1
     ]
     made += [(one.at_s, None, _numbers(one)) for one, _, _ in given if moves_home(one)]
-    off_m = np.hypot(x_m, y_m).astype(np.float64) if origin else np.full(len(times), np.nan)
+    begins_s, homes = [-np.inf], [(0.0, 0.0) if origin else (np.nan, np.nan)]
     for at_s, at, values in sorted(made, key=lambda one: one[0]):
         if at is None and values[0] != 1.0:
             place = to_local(values[4], values[5], *origin) if origin else (np.nan, np.nan)
         else:
             here = _index(times, at_s) if at is None else at
             place = float(x_m[here]), float(y_m[here])
-        after = times >= at_s - 1e-9
-        off_m[after] = np.hypot(x_m - place[0], y_m - place[1])[after]
-    return off_m
+        begins_s.append(at_s - 1e-9)
+        homes.append(place)
+    north_m, east_m = np.array(homes, dtype=x_m.dtype)[np.searchsorted(begins_s, times, side="right") - 1].T
+    return np.asarray(np.hypot(x_m - north_m, y_m - east_m), dtype=np.float64)
 
 
 def _index(times: Array, at_s: float) -> int:
@@ -375,11 +376,12 @@ def _index(times: Array, at_s: float) -> int:
 
 def paused(given: Sequence[Given], times: Array) -> Array:
     """Return the time since the last order to pause that no order to go on followed, shape (moments,)."""
-    last = np.full(len(times), -NEVER_S)
-    for stimulus, _, _ in given:
-        if _is(stimulus, "DO_PAUSE_CONTINUE"):
-            last[times >= stimulus.at_s - 1e-9] = stimulus.at_s if _numbers(stimulus)[0] == 0.0 else -NEVER_S
-    return np.asarray(times - last)
+    told = [
+        (one.at_s - 1e-9, one.at_s if _numbers(one)[0] == 0.0 else -NEVER_S)
+        for one, _, _ in given
+        if _is(one, "DO_PAUSE_CONTINUE")
+    ]
+    return np.asarray(times - set_last(told, np.full(len(times), -NEVER_S), times))
 
 
 def since(at_s: Sequence[float], times: Array, never_s: float = 0.0) -> Array:
