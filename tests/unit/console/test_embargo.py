@@ -15,6 +15,7 @@ from saflite.console.operations.bridging import Bridge, _carry
 from saflite.console.run_data import farm_lookup
 from saflite.console.run_data.embargo import ALL, ToldFaults, is_public
 from saflite.console.run_data.run_folder import open_run
+from saflite.console.view.dashboard import source as source_module
 from saflite.console.view.dashboard.source import EndpointSource, RunSource
 from saflite.console.view.report import data
 from saflite.contract import wire
@@ -164,6 +165,26 @@ def test_a_farm_elsewhere_shows_every_find_and_to_viewers_none_of_a_test_case_wi
         with pytest.raises(Refused):
             source.find(name * 16, public=True)
     assert all(policy in source.find("e" * 16, public=True) for policy in ("upright", "stays-near"))
+
+
+def test_a_farm_elsewhere_that_never_ends_telling_is_listened_to_for_so_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Endless:
+        """It has another find for whoever asks."""
+
+        asked = 0
+
+        def order(self, verb: Verb, text: str, number: int, *, within_s: float) -> Answer:
+            self.asked += 1
+            fact = found("a", f"rule-{number}")
+            return Answer(accepted=True, events=(wire.encode(Event(seq=number, at_unix_s=1.0, fact=fact)),))
+
+    farm = Endless()
+    monkeypatch.setattr(farm_lookup, "connect", lambda where: farm)
+    monkeypatch.setattr(source_module, "ANSWERS_MAX", 7)
+    monkeypatch.setattr(source_module, "FOUND_MAX", 10)
+    source = EndpointSource(farm_lookup.Where(None, "tls/lab:7447", "night"))
+    assert [len(source.violations(public=False)) for _ in range(3)] == [7, 10, 10], "the first are kept"
+    assert farm.asked == 21
 
 
 class ReportsFaults(doubles.Service):

@@ -30,6 +30,10 @@ FRESH_S = 0.8
 PATIENCE_S = 2.0
 NAME_CHARS_MAX = 100
 """Of a recording; ours have 23 and more (`contract/names.py`)."""
+ANSWERS_MAX = 50
+"""Answers with new events that one look at a farm elsewhere takes: the rest comes with the next, and none may end."""
+FOUND_MAX = 20_000
+"""Finds of a farm elsewhere that are kept, the first ones: more than anybody reads."""
 REST = 20.0
 """Times the time it took to make, a part of a run that goes on is shown before it is made again."""
 
@@ -326,13 +330,16 @@ class EndpointSource:
     def _listen(self) -> None:
         """Take the events that are new; raises Refused or Unavailable."""
         next_seq = 0
-        while next_seq != self._faults.next_seq:  # the last answer told something new
+        for _ in range(ANSWERS_MAX):
+            if next_seq == self._faults.next_seq:  # the last answer told nothing new
+                return
             next_seq = self._faults.next_seq
             for event in (wire.decode(one, Event) for one in self._farm.order("events", "", next_seq).events):
                 self._faults.take(event)
                 if isinstance(event.fact, ViolationFound) and event.fact.violation.confirmation != "similar":
                     one = event.fact.violation
-                    self._found[one.test_case, one.policy] = one
+                    if len(self._found) < FOUND_MAX or (one.test_case, one.policy) in self._found:
+                        self._found[one.test_case, one.policy] = one
 
     def part(self, name: str) -> str:
         """Return nothing: the books are elsewhere."""
