@@ -76,3 +76,25 @@ def test_a_near_miss_of_a_drawn_mission_is_tried_with_other_items() -> None:
     other = [one for one in after if one.scenario.mission != near.scenario.mission]
     assert 0 < len(other) < len(after)
     assert all(one.stimuli == near.stimuli and "item" in one.origin.note for one in other)
+
+
+def test_a_mission_is_interrupted_several_times_and_gone_on_with() -> None:
+    settings: dict[str, Setting] = {
+        "hints": [],
+        "missions": 1.0,
+        "kept": 0.0,
+        "routed": 0.0,
+        "procedures": ["upright air 20; LOITER; wait 1..2; RC1 1200; wait 2..3; release; wait 1..2"],
+    }
+    long = msgspec.structs.replace(TEMPLATE, scenario=msgspec.structs.replace(TEMPLATE.scenario, time_limit_s=400.0))
+    often: Counter[int] = Counter()
+    for case in Strategy(long, settings, ("upright",), describe()).ask(80, derive(6, "test")):
+        pushed = [one.at_s for one in case.stimuli if one.name == "RC1" and one.values == (1200.0,)]
+        resumed = [one.at_s for one in case.stimuli if one.name == "AUTO"]
+        if not case.origin.note.startswith("calm") or not pushed:
+            continue
+        often[len(pushed)] += 1
+        assert not [one for one in case.stimuli if one.name == "LOITER"], "what it gives comes in the mission"
+        assert len(pushed) - 1 <= len(resumed) <= len(pushed), "the flight may be over before the last"
+        assert all(one < other for one, other in zip(pushed, resumed, strict=False))
+    assert set(often) == {1, 2, 3, 4}

@@ -36,7 +36,12 @@ FROM_START = 0.6  # share of phases that come from the mode in which the rule's 
 HELD = 0.8  # share of phases in which a stick stays where a rule asks for it
 UPSET = 0.5  # share of phases, for rules about a lost sensor, in which a fault of their own comes first
 MOVED_OFF = 0.4  # chance of each setting that the rule reads to be off its default from the start
-INTERRUPTED, DISTURBED = 0.5, 0.25  # share of flights left to themselves that get a procedure, or one input, on the way
+INTERRUPTED, DISTURBED = 0.5, 0.25  # share of flights left to themselves that get procedures, or one input, on the way
+INTERRUPTIONS_MAX, RESUMED_S = (
+    4,
+    (2.0, 12.0),
+)  # procedures in a mission; time after one until the mission is gone on with
+MISSION_MODE = "AUTO"
 DEFLECTED = 0.2  # the same for rules that ask for no stick but have some
 PUSHED = 0.7  # chance that a setting is moved the way in which a comparison with it becomes true
 AWAY = 0.85  # share of phases, for rules that want the vehicle away from home, in which it is sent there
@@ -112,24 +117,37 @@ class Writer:
         return script.stimuli(), tuple(spans)
 
     def calm(self, rng: Rng, tempo: Tempo, hints: Sequence[Hint]) -> Stimuli:
-        """Return a flight left to itself: settings before it, then no input, a single one of a policy's own, or the
-        procedure of any policy, begun in the middle.
+        """Return a flight left to itself: settings before it, then no input, a single one of a policy's own, or a few
+        procedures of any policies, begun in the middle, after each of which the mission is gone on with.
         """
         script = Script(tempo)
         for hint in hints:
             for stimulus in (*self._asked(rng, [hint]), *self._pushed(rng, hint)):
                 script.give(stimulus)
                 script.pause(rng, *SET_PAUSE_S)
-        script.at_s = float(rng.uniform(script.at_s, max(script.at_s, tempo.last_s)))
-        way = rng.random()
-        procedure = self._plans.any(rng) if way < INTERRUPTED else None
-        if procedure is not None:
-            script.follow(rng, without_entry(moves(rng, procedure, self._drawing)))
+        way, begins_s, ends_s = rng.random(), script.at_s, max(script.at_s, tempo.last_s)
+        if way < INTERRUPTED:
+            many = 1 + int(rng.integers(INTERRUPTIONS_MAX))
+            times_s = np.sort(rng.uniform(begins_s, ends_s, size=many))
+            for at_s in times_s.tolist():
+                script.at_s = max(script.at_s, at_s)
+                self._interrupt(rng, script)
         elif way < INTERRUPTED + DISTURBED:
+            script.at_s = float(rng.uniform(begins_s, ends_s))
             hint = hints[int(rng.integers(len(hints)))]
             (order, *_) = (*self._orders(rng, hint), None)
             script.give(order or self._drawing.draw(self._drawing.style(rng, hint), rng))
         return script.stimuli()
+
+    def _interrupt(self, rng: Rng, script: Script) -> None:
+        """Write a procedure of any policy without the mode it begins in, then the mode in which missions are flown."""
+        procedure = self._plans.any(rng)
+        if procedure is None:
+            return
+        script.follow(rng, without_entry(moves(rng, procedure, self._drawing)))
+        script.pause(rng, *RESUMED_S)
+        for stimulus in self._mode(MISSION_MODE):
+            script.give(stimulus)
 
     def _follow(self, rng: Rng, script: Script, style: Style, task: Task, steps: list[Move], mode: str) -> str:
         """Write steps as a phase, with a setting of the rule's moved or a few inputs more; return its mode."""
