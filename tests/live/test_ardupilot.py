@@ -14,6 +14,7 @@ import pytest
 from external_flights import answers, case, needs_binary, really_flown
 from msgspec.structs import replace
 
+from saflite.contract.signals import MODES
 from saflite.contract.standalone import Evidence
 from saflite.contract.test_case import Obstacle, Scenario, StartState, Stimulus
 from saflite.flight.autopilots.ardupilot.adapter import ADAPTER
@@ -72,6 +73,17 @@ def test_it_flies_a_mission_round_a_box() -> None:
     assert record.ending == "completed"
     assert record.trace is not None
     assert record.trace.array("contact").max() == 0.0
+
+
+@pytest.mark.parametrize("mode", ["BRAKE", "RTL"])
+def test_it_begins_on_the_ground_in_a_mode_in_which_nobody_may_arm(mode: str) -> None:
+    needs_binary(ADAPTER)
+    ground = Scenario(start=StartState(mode=mode, altitude_m=0.0), time_limit_s=6.0)
+    (record,) = really_flown(ADAPTER, case("ardupilot", scenario=ground))
+    assert record.ending in ("completed", "timed_out")
+    assert record.trace is not None
+    assert record.trace.array("mode")[0] == MODES[mode]
+    assert record.trace.array("armed")[0] == 1.0
 
 
 def test_parameters_of_groups_that_are_off_are_known() -> None:

@@ -25,6 +25,7 @@ READY_S = 120.0  # simulated
 NOISE_TICKS = 50  # the vehicle waits up to a second longer, drawn anew for every random seed
 NEAR_M = 0.5
 ARM, TAKEOFF, START_MISSION = 400, 22, 300
+ARMABLE = "STABILIZE"  # a mode in which every build may be armed
 WIND = ("SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_TURB")
 WIND_MAX_MPS = 30.0
 HEIGHT_AT = 6  # among the numbers of MAV_CMD_NAV_TAKEOFF
@@ -106,8 +107,9 @@ class ArduPilotFlight(ExternalFlight):
             return self._enter(aircraft, start.mode)
         flies = self._mission is not None or start.altitude_m > 0.0
         why = self._enter(aircraft, "GUIDED" if flies else start.mode)
-        if not why and not client.command(ARM, (1.0,), ANSWER_S).ok:
-            why = f"did not arm: {self._last_words()}"
+        if not why and (why := self._armed(aircraft)) and not flies:
+            # a mode in which nobody may arm (BRAKE, RTL) is entered with the motors on
+            why = self._enter(aircraft, ARMABLE) or self._armed(aircraft) or self._enter(aircraft, start.mode)
         if why:
             return why
         if self._mission is not None:
@@ -116,6 +118,9 @@ class ArduPilotFlight(ExternalFlight):
             aircraft.vehicle["takeoff_altitude_set_m"] = next(iter(heights_m), 0.0)
             return "" if client.command(START_MISSION, (0.0, 0.0), ANSWER_S).ok else "the mission did not start"
         return self._climb(aircraft) if flies else ""
+
+    def _armed(self, aircraft: Aircraft) -> str:
+        return "" if aircraft.client.command(ARM, (1.0,), ANSWER_S).ok else f"did not arm: {self._last_words()}"
 
     def _climb(self, aircraft: Aircraft) -> str:
         height_m = self.start.altitude_m
