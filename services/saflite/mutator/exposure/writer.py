@@ -37,10 +37,8 @@ HELD = 0.8  # share of phases in which a stick stays where a rule asks for it
 UPSET = 0.5  # share of phases, for rules about a lost sensor, in which a fault of their own comes first
 MOVED_OFF = 0.4  # chance of each setting that the rule reads to be off its default from the start
 INTERRUPTED, DISTURBED = 0.5, 0.25  # share of flights left to themselves that get procedures, or one input, on the way
-INTERRUPTIONS_MAX, RESUMED_S = (
-    4,
-    (2.0, 12.0),
-)  # procedures in a mission; time after one until the mission is gone on with
+INTERRUPTIONS_MAX = 4  # procedures in a mission
+RESUMED_S = (2.0, 12.0)  # time after one until the mission is gone on with
 MISSION_MODE = "AUTO"
 DEFLECTED = 0.2  # the same for rules that ask for no stick but have some
 PUSHED = 0.7  # chance that a setting is moved the way in which a comparison with it becomes true
