@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -145,13 +146,15 @@ def test_of_the_test_cases_of_one_behaviour_the_smallest_is_meant(tmp_path: Path
 
 def test_of_a_run_one_of_each_behaviour_is_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = tuple(Stimulus(at_s=1.0 + at, kind="mode", name="RTL") for at in range(3))
-    found = msgspec.structs.replace(KNOWN, test_case=msgspec.structs.replace(KNOWN.test_case, stimuli=steps))
+    long = msgspec.structs.replace(KNOWN.test_case, stimuli=steps)
+    found = msgspec.structs.replace(KNOWN, name="1" * 16, test_case=long)
     small = msgspec.structs.replace(KNOWN, name="7" * 16)
-    other = msgspec.structs.replace(KNOWN, policy="a-chute")
-    monkeypatch.setattr(known, "_of_run", lambda *_: [found, small, other])
-    assert known.read(tmp_path) == [small, other]
-    assert known.read(tmp_path, found.name) == [found, other], "one that is named is told as it is"
-    assert known.read(tmp_path, everything=True) == [found, small, other]
+    other = msgspec.structs.replace(KNOWN, fingerprint="f" * 16, policy="a-chute")
+    for came in itertools.permutations([found, small, other]):  # as workers returned them
+        monkeypatch.setattr(known, "_of_run", lambda *_, came=came: list(came))
+        assert known.read(tmp_path) == [small, other]
+        assert known.read(tmp_path, found.name) == [found], "one that is named is told as it is"
+        assert known.read(tmp_path, everything=True) == [found, small, other]
 
 
 def test_a_policy_file_is_judged_by_the_id_in_it(tmp_path: Path) -> None:

@@ -65,7 +65,8 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
 def read(place: Path, wanted: str = "", *, everything: bool = False) -> list[Known]:
     """Return the known violations of a run folder or corpus, those whose fingerprint or test case begins so.
 
-    Of a find and the smallest form made of it, which violate in one way, the smaller is told, unless one is named.
+    In the order of a corpus, whatever the order in which a run found them. Of a find and the smallest form made of
+    it, which violate in one way, the smaller is told, unless one is named.
     `everything`: of a run the flaky and unconfirmed ones, too.
 
     Raises:
@@ -74,7 +75,7 @@ def read(place: Path, wanted: str = "", *, everything: bool = False) -> list[Kno
     if place.is_dir() and _files(place):
         found = _corpus(place)
     else:
-        found = _of_run(place, everything)
+        found = sorted(_of_run(place, everything), key=_place)  # a run tells them as its results came in
         found = found if wanted or everything else _smallest(found)
     chosen = [one for one in found if one.fingerprint.startswith(wanted) or one.name.startswith(wanted)]
     if wanted and not chosen:
@@ -197,6 +198,10 @@ def one_of(what: Path, wanted: str, policies: tuple[str, ...], *, anywhere: bool
         return known
     texts = {**known.policy_texts, **files}
     return msgspec.structs.replace(known, policy=policies[0], policies=policies, policy_texts=texts, behaviour="")
+
+
+def _place(known: Known) -> tuple[str, str, str]:
+    return known.fingerprint, known.name, known.policy
 
 
 def _size(known: Known) -> tuple[int, int, str]:
