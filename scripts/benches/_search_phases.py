@@ -1,7 +1,7 @@
 """Why does a phase that was written for a rule not make the rule apply? Each phase of a clean search, told apart.
 
 A phase is looked at in its own flight: from its first input to the next phase, which parts of the rule's condition were
-true together at the best moment, and which were not.
+true together at the best moment, and which were not. Rules that compare with a second flight are left out.
 """
 
 from __future__ import annotations
@@ -67,11 +67,14 @@ class Watching:
             return
         trace = unpack_trace(self._flights.blobs.get(flight.trace), flight.trace_digest)
         signals = FlightSignals(case, flight, trace, between=True, is_log=False, untold=frozenset())
-        policies = {span.policy: load_policy(span.policy) for span in spans}
+        told = {span.policy: load_policy(span.policy) for span in spans}
+        policies = {name: policy for name, policy in told.items() if not policy.file.twin}
         shown = signals.pick(frozenset().union(*(policy.signals for policy in policies.values())))
         evaluator = Evaluator(shown, trace.step_s, signals.moments.row)
         times = evaluator.row * trace.step_s
         for place, span in enumerate(spans):
+            if span.policy not in policies:
+                continue
             until_s = spans[place + 1].from_s if place + 1 < len(spans) else np.inf
             window = (times >= span.from_s) & (times <= until_s)
             lacking = lacking_in(evaluator, policies[span.policy].formula, window) if window.any() else (OVER,)
