@@ -5,13 +5,14 @@ from __future__ import annotations
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import msgspec
 from _authored_faults import PACKAGE, Patch
 from _blind_faults import planted
 
 from saflite.conformance.flying import fly_once
+from saflite.contract.errors import Refused
 from saflite.contract.flight import Flight
 from saflite.contract.test_case import (
     Mission,
@@ -19,6 +20,7 @@ from saflite.contract.test_case import (
     Scenario,
     StartState,
     Stimulus,
+    StimulusKind,
     Target,
     TestCase,
     Twin,
@@ -67,6 +69,8 @@ def _flight(rows: list[str], missions: dict[str, Any]) -> TestCase:
 
 def _stimulus(row: str) -> Stimulus:
     at_s, kind, name, *values = row.split()
+    if kind not in get_args(StimulusKind):  # the vehicle would take it for a sensor's fault, the rules for nothing
+        raise Refused("flight", where=row, expected=f"one of {', '.join(get_args(StimulusKind))}", got=repr(kind))
     name = f"MAV_CMD_{name}" if kind == "command" else name
     numbers = tuple(float(value) for value in values)
     return Stimulus(at_s=float(at_s), kind=kind, name=name, values=numbers)  # type: ignore[arg-type]

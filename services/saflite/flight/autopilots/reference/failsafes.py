@@ -10,7 +10,6 @@ CHECK_TICKS, CHECK_S = 5, 0.1  # position, battery and fence are looked at ten t
 TICK_S = 0.02
 RADIO_PULSES, RADIO_LOST_S = 3, 0.5
 VARIANCE_S = 1.0
-ALREADY = ("LAND", "RTL")
 
 
 class Failsafes:
@@ -81,7 +80,7 @@ class Failsafes:
     def _act_on_position(self) -> None:
         ap = self._ap
         action = int(ap.parameters["FS_EKF_ACTION"])
-        if not ap.armed or ap.landed or "gps-failsafe-without-action" in ap.defects:
+        if not ap.armed or "gps-failsafe-without-action" in ap.defects:
             return
         if not ap.mode.needs_position and action != 3:
             return
@@ -175,10 +174,12 @@ class Failsafes:
         reach = math.hypot(board["est_n"] - ap.home[0], board["est_e"] - ap.home[1])
         far = bool(kinds & 2) and board["position_ok"] != 0.0 and reach > p["FENCE_RADIUS"]
         breached = (high or far) and "fence-ignored" not in ap.defects
-        if breached and not self.fence and ap.armed and not ap.landed:
+        if breached and not self.fence and ap.armed:
             ap.say("Fence breached", "error")
             action = int(p["FENCE_ACTION"])
-            if action:
+            if action and ap.landed:
+                ap.disarm("fence breached")
+            elif action:
                 self._leave({2: "LAND", 4: "BRAKE"}.get(action, "RTL"), "fence breached")
         self.fence = breached
 
