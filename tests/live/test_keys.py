@@ -156,13 +156,9 @@ def test_only_those_who_read_hear_events_and_nobody_can_forge_one(router: Router
     reader, heard = router.client("viewer"), Heard()
     bus, own = router.client(name), Heard()
     key, in_json, reads = topics.event(CAMPAIGN, name), topics.event_json(CAMPAIGN, name), name in READERS
-    router.bus.announce(key, b"before")
     for one, inbox in ((reader, heard), (bus, own)):
         one.follow(key, inbox)
         one.follow(in_json, inbox)
-    heard.wait_for(b"before")
-    if reads:
-        own.wait_for(b"before")
     _settled(bus, reader)
     router.bus.announce(key, b"after")
     router.bus.tell(in_json, lambda: b"{}")
@@ -173,9 +169,9 @@ def test_only_those_who_read_hear_events_and_nobody_can_forge_one(router: Router
     _settled(bus, reader)
     bus.close()
     reader.close()
-    assert sorted(heard.payloads) == [b"after", b"before", b"{}"]
+    assert sorted(heard.payloads) == [b"after", b"{}"]
     own_words = [b"forged", b"forged"]  # come back to it, and reach nobody else
-    assert sorted(own.payloads) == ([b"after", b"before", *own_words, b"{}"] if reads else own_words)
+    assert sorted(own.payloads) == ([b"after", *own_words, b"{}"] if reads else own_words)
 
 
 @pytest.mark.parametrize("name", [*ROLES, "gone"])

@@ -192,3 +192,21 @@ def test_who_does_not_read_facts_keeps_nobody_waiting(farm: Farm) -> None:
     assert longest_s < PROMPT_S
     assert _honest_s(farm) < 10 * PROMPT_S
     proxy.close()
+
+
+def test_the_past_that_the_router_itself_keeps_is_told_to_no_key(farm: Farm) -> None:
+    """It was told by the threads that read all links: one key that did not read stopped the farm, 5 s for each link."""
+    farm.bus.announce(topics.event(CAMPAIGN, "flown"), b"a fact")
+    past = f"saflite/{topics.PROTOCOL}/{CAMPAIGN}/event/*/@adv/**"
+    until_s = time.monotonic() + 10.0
+    while _told_of(farm.bus._session, past) != [b"a fact"]:  # a thread of its own announces
+        assert time.monotonic() < until_s
+    proxy, session = farm.stalled()
+    assert _told_of(session, past) == []
+    proxy.close()
+
+
+def _told_of(session: zenoh.Session, key: str) -> list[bytes]:
+    anywhere, anything = zenoh.QueryTarget.ALL, zenoh.ReplyKeyExpr.ANY
+    replies = session.get(key, target=anywhere, accept_replies=anything, timeout=2.0)
+    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]

@@ -195,17 +195,16 @@ def _grants(peer: Peer) -> Iterator[_Grant]:
                 tokens += [f"{alive}/{peer.name}/*", f"{alive}/{peer.name}-$*/*"]
             else:
                 event = f"saflite/{PROTOCOL}/{campaign}/event"
-                facts += [f"{event}/*", f"{event}/*/@adv/**", f"{event}-json/*"]
+                facts += [f"{event}/*", f"{event}-json/*"]
     yield _Grant("ingress", ("query",), asked)
     yield _Grant("egress", ("reply",), asked)
     yield _Grant("ingress", ("liveliness_query", "declare_liveliness_subscriber"), [f"{FARM_ROOT}/*"])
     yield _Grant("egress", ("liveliness_token",), [f"{FARM_ROOT}/*"])
     if tokens:
         yield _Grant("ingress", ("liveliness_token",), tokens)
-    if facts:
-        yield _Grant("ingress", ("declare_subscriber", "query", "liveliness_query"), facts)
-        yield _Grant("ingress", ("declare_liveliness_subscriber",), facts)
-        yield _Grant("egress", ("put", "reply", "liveliness_token"), facts)
+    if facts:  # without the past that Zenoh keeps: its own threads would tell that, and wait for who does not read
+        yield _Grant("ingress", ("declare_subscriber",), facts)
+        yield _Grant("egress", ("put",), facts)
 
 
 def _asked(role: Role, campaign: str) -> Iterator[str]:

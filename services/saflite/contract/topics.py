@@ -5,7 +5,7 @@ and `saflite/farm/...`, so that who speaks another protocol is told so. Delivery
 
     leased      query with a long poll; work is handed out under a lease
     committed   query answered only after the books have committed
-    announced   advanced publisher with history; the books can send it again from any sequence number
+    announced   advanced publisher, with history but for keys; the books can send it again from any sequence number
     alive       liveliness token, dropped when its session dies
     asked       query answered at once
     lossy       plain publication, may drop
