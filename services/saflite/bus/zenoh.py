@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 CLOSE_LIMIT_S = 3.0
 ACCESS_S = 2.0
 FACTS = "/facts"  # the line of what is announced; no key can have this name
+SAID_OF_KEYS = "/access"  # the line of what keys may do: who asks for that, of any name, has proven none
 HEARTBEAT_S = 0.5  # how often an announcer says how far it is, so that followers notice a lost last fact
 
 
@@ -113,7 +114,7 @@ class ZenohBus:
             asked, shown = split(str(query.key_expr))[0], query.payload.to_bytes() if query.payload is not None else b""
             words = in_words(register.named(asked), asked, shown.decode(errors="replace") or asked).encode()
             say = partial(end_of, query, lambda query: query.reply(query.key_expr, words), ACCESS_KEY)
-            self._senders.send(asked, len(words), say)
+            self._senders.send(SAID_OF_KEYS, len(words), say)
 
         self._declare(partial(_queryable, f"{BY}/*/{ACCESS_KEY}", _direct(tell)))
 
