@@ -201,7 +201,8 @@ def test_a_recording_that_is_a_link_is_not_handed_out(tmp_path: Path) -> None:
     assert RunSource(tmp_path / "run").file("a-0.mcap", public=False) is None
     (tmp_path / "run" / "recordings" / "b-0.mcap").write_text("ours")
     assert RunSource(tmp_path / "run").file("b-0.mcap", public=False) is not None
-    for name in ("../secret", "../../secret", "b-0.mcap/", "/etc/passwd", "..", "", f"{'a' * 300}.mcap", "a\0.mcap"):
+    too_long = (f"{'a' * 300}.mcap", f"{chr(0x1F600) * 90}.mcap")  # for a file system, in characters or in bytes alone
+    for name in ("../secret", "../../secret", "b-0.mcap/", "/etc/passwd", "..", "", *too_long, "a\0.mcap"):
         assert RunSource(tmp_path / "run").file(name, public=False) is None
 
 

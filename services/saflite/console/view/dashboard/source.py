@@ -21,6 +21,7 @@ from saflite.contract import wire
 from saflite.contract.control import NOT_RUNNING, Answer, Status, Verb
 from saflite.contract.errors import FarmError, Refused
 from saflite.contract.events import CampaignChanged, Event, ViolationFound
+from saflite.contract.names import is_name
 from saflite.contract.verdict import Violation, with_mode_named
 from saflite.runtime.client import FarmClient
 from saflite.runtime.clock import WallClock
@@ -28,8 +29,6 @@ from saflite.runtime.clock import WallClock
 FRESH_S = 0.8
 """A status younger than this is shown again instead of asking the books."""
 PATIENCE_S = 2.0
-NAME_CHARS_MAX = 100
-"""Of a recording; ours have 23 and more (`contract/names.py`)."""
 ANSWERS_MAX = 50
 """Answers with new events that one look at a farm elsewhere takes: the rest comes with the next, and none may end."""
 FOUND_MAX = 20_000
@@ -230,13 +229,13 @@ class RunSource:
     def file(self, name: str, *, public: bool) -> Path | None:
         """Return a recording."""
         path = self._dir / "recordings" / name
-        if len(name) > NAME_CHARS_MAX:  # no file system holds it: a fault, not a file that is not there
+        if not is_name(name):  # it leads elsewhere, or no file system holds it: a fault, not a file that is not there
             return None
         if public:
             with open_run(self._dir) as run:
                 if name.partition("-")[0] in run.memory_faults():
                     return None
-        is_ours = path.name == name and path.suffix == ".mcap" and not (path.is_symlink() or path.parent.is_symlink())
+        is_ours = path.suffix == ".mcap" and not (path.is_symlink() or path.parent.is_symlink())
         return path if is_ours and path.is_file() else None
 
     def order(self, verb: Verb, text: str, number: int) -> Answer:
