@@ -11,7 +11,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from saflite.conformance.kit import Check, findings
-from saflite.simulator_worker.processes import how_ended
+from saflite.contract.endings import how_ended
 
 Found = tuple[str, list[str]]
 """A check's name, and what is wrong."""

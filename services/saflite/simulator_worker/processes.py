@@ -104,11 +104,6 @@ def signal_group(group: int, number: signal.Signals) -> None:
         os.killpg(group, number)
 
 
-def how_ended(code: int) -> str:
-    """Return an exit code of a process, below 0 for a signal, in words."""
-    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-
-
 def kill_strays(known: Collection[int]) -> list[int]:
     """Kill and reap every child of this process not in `known`, with whatever it started; return whom it killed.
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from saflite.contract.clock import Clock
 from saflite.contract.config import environment_with, own_python
+from saflite.contract.endings import how_ended
 from saflite.contract.errors import Refused, RefusedElsewhere, Unavailable
 from saflite.contract.service import Cancelled
 from saflite.contract.test_case import TestCase
@@ -37,7 +38,6 @@ from saflite.simulator_worker.messages import (
 from saflite.simulator_worker.processes import (
     adopt_orphans,
     children,
-    how_ended,
     kill_strays,
     signal_group,
     starved_s,

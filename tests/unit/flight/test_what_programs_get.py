@@ -81,6 +81,14 @@ def test_a_file_that_a_program_writes_without_end_ends_and_the_program_goes_on(
         process.end()
 
 
+def test_a_death_by_a_signal_without_a_name_is_told_as_one(tmp_path: Path) -> None:
+    """It was a fault of ours in place of an end of the autopilot's: the flight counted as lost, and was flown again."""
+    words = ["/bin/sh", "-c", "echo last words; kill -40 $$"]  # a real-time signal
+    process = Process(words, tmp_path, environment={"PATH": os.defpath})
+    assert process.how_it_ended() == "the autopilot ended with signal 40: last words"
+    process.end()
+
+
 class _Left(Aircraft):
     """An aircraft of which only the logs are left."""
 

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import IO
 
 from saflite.contract.config import environment_with, own_python
+from saflite.contract.endings import how_ended
 from saflite.contract.errors import Refused, Unavailable
 from saflite.runtime.clock import WallClock
 from saflite.runtime.launchers.base import Condition, Meeting, RoleSpec, RoleState
 from saflite.runtime.log_lines import event_of
-from saflite.simulator_worker.processes import adopt_orphans, children, how_ended, kill_strays, signal_group
+from saflite.simulator_worker.processes import adopt_orphans, children, kill_strays, signal_group
 
 log = logging.getLogger(__name__)
 

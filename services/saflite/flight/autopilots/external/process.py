@@ -15,6 +15,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
+from saflite.contract.endings import how_ended
 from saflite.contract.errors import Unavailable
 from saflite.contract.memory_faults import is_memory_report
 from saflite.contract.outside import LOG_BYTES_MAX
@@ -230,8 +231,7 @@ class ForkedProcess:
 
 def told(code: int, console: str) -> str:
     """Return in words how a process ended: its code, negative for a signal, and the line that says why."""
-    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-    return f"the autopilot ended with {how}: {last_line(console)}"
+    return f"the autopilot ended with {how_ended(code)}: {last_line(console)}"
 
 
 def _die_with_parent() -> None:
