@@ -60,17 +60,28 @@ def children(pid: int) -> list[int]:
     return found
 
 
+def _family(pid: int) -> Iterator[int]:
+    """Yield a process and its descendants, however deep: programs of others may start theirs in a chain."""
+    waiting = [pid]
+    while waiting:
+        waiting += children(one := waiting.pop())
+        yield one
+
+
 def resident_mib(pid: int) -> float:
     """Return the memory of a process and its descendants held in RAM, in MiB; 0 for a process that is gone.
 
     Pages that processes share count once between them: a fork that only waits costs next to nothing.
     """
+    return round(sum(map(_own_kib, _family(pid))) / 1024, 1)
+
+
+def _own_kib(pid: int) -> int:
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:
-        return 0.0
-    own = sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
-    return round(own + sum(resident_mib(child) for child in children(pid)), 1)
+        return 0
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
 
 
 def processor_s(pid: int) -> float:
@@ -78,12 +89,14 @@ def processor_s(pid: int) -> float:
 
     That of a descendant killed and reaped by somebody else is lost.
     """
+    return round(sum(map(_own_ticks, _family(pid))) / os.sysconf("SC_CLK_TCK"), 2)
+
+
+def _own_ticks(pid: int) -> int:
     try:
-        fields = _after_name(pid)
+        return sum(map(int, _after_name(pid)[11:15]))  # user, system, both of the reaped
     except OSError:
-        return 0.0
-    own = sum(int(ticks) for ticks in fields[11:15]) / os.sysconf("SC_CLK_TCK")  # user, system, both of the reaped
-    return round(own + sum(processor_s(child) for child in children(pid)), 2)
+        return 0
 
 
 def starved_s(pid: int) -> float:
@@ -91,11 +104,14 @@ def starved_s(pid: int) -> float:
 
     0 for one that is gone, or where the kernel does not count it (`schedstat`, second field).
     """
+    return max(map(_own_starved_s, _family(pid)))
+
+
+def _own_starved_s(pid: int) -> float:
     try:
-        own = int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
     except (OSError, IndexError):
         return 0.0
-    return max([own, *(starved_s(child) for child in children(pid))])
 
 
 def signal_group(group: int, number: signal.Signals) -> None:
