@@ -15,6 +15,7 @@ from saflite.contract.work import Ask, Heartbeat, TargetBuild
 Name = tuple[str, str]  # stage, worker
 REMEMBER_S = 300.0
 WORKERS_MAX = 1_000  # at a time; each that comes or goes is a line of the journal
+LIVES_MAX = 10 * WORKERS_MAX  # that are remembered; a key can have its workers come and go without end
 FULL = f"there are as many workers as a farm can have: {WORKERS_MAX}"
 
 
@@ -69,12 +70,13 @@ class WorkerRegistry:
         self._of_key: Counter[str] = Counter()  # workers of each key
         self._left: dict[Name, Worker] = {}  # gone, but perhaps about to come back
         self._quietest_s = float("-inf")  # everybody there was heard of since
-        self._spent_s: dict[tuple[str, str, str], float] = {}  # processor time, of each life of each worker
+        self._spent_s: dict[tuple[str, str, str], float] = {}  # processor time, of each life heard of lately
+        self._spent_before_s = 0.0  # of all other lives together
 
     @property
     def processor_s(self) -> float:
         """Processor time that all workers there were have told of, seconds."""
-        return sum(self._spent_s.values())
+        return self._spent_before_s + sum(self._spent_s.values())
 
     def __len__(self) -> int:
         return len(self._workers)
@@ -177,8 +179,12 @@ class WorkerRegistry:
         if self._named.get(worker) is gone:
             del self._named[worker]
         self._of_key[gone.owner] -= bool(gone.owner)
-        self._left = {name: one for name, one in self._left.items() if one.seen_s > gone.seen_s - REMEMBER_S}
+        self._left.pop((stage, worker), None)
         self._left[stage, worker] = gone
+        while (first := next(iter(self._left.values()))).seen_s <= gone.seen_s - REMEMBER_S or len(
+            self._left
+        ) > LIVES_MAX:
+            del self._left[first.stage, first.worker]
         return True
 
     def workers(self) -> list[Worker]:
@@ -209,4 +215,8 @@ class WorkerRegistry:
         worker.state, worker.done = beat.state, beat.done
         worker.busy_s, worker.idle_s = beat.busy_s, beat.idle_s
         worker.simulated_s, worker.resident_mib = beat.simulated_s, beat.resident_mib
-        self._spent_s[beat.stage, beat.worker, beat.session] = beat.processor_s
+        life = beat.stage, beat.worker, beat.session
+        self._spent_s.pop(life, None)
+        self._spent_s[life] = beat.processor_s
+        if len(self._spent_s) > LIVES_MAX:
+            self._spent_before_s += self._spent_s.pop(next(iter(self._spent_s)))
