@@ -20,7 +20,8 @@ from saflite.flight.logs.ulog import read_ulog_log
 from saflite.oracle.orders import may_change_mode
 
 Row = tuple[str, tuple[Any, ...]]
-MORE = {
+Kinds = dict[str, tuple[str, str]]
+MORE: Kinds = {
     "PARM": ("QNf", "TimeUS,Name,Value"),
     "GPS": ("QBIHB", "TimeUS,Status,GMS,GWk,NSats"),
     "MAVC": ("QHfffffff", "TimeUS,Cmd,P1,P2,P3,P4,X,Y,Z"),
@@ -28,6 +29,7 @@ MORE = {
     "GUID": ("QBfff", "TimeUS,Type,vX,vY,vZ"),
     "GUIA": ("QBf", "TimeUS,Type,Roll"),
 }
+GUID_OF_4_1 = ("QBffff", "TimeUS,Type,vX,vY,vZ,aX")
 SETTINGS = {
     "WPNAV_SPEED": 500.0,
     "WPNAV_SPEED_UP": 250.0,
@@ -39,7 +41,7 @@ SETTINGS = {
 NAME = "SET_POSITION_TARGET_LOCAL_NED"
 
 
-def copter(*told: Row, mode: int = 4) -> bytes:
+def copter(*told: Row, mode: int = 4, kinds: Kinds = MORE) -> bytes:
     """A log of 40 s from 1 s on, in GUIDED unless told otherwise: from 5 s on north at 20 m/s, 20 m up."""
     rows: list[Row] = [("PARM", (1_000_000, name.encode(), value)) for name, value in SETTINGS.items()]
     rows += [("MODE", (1_000_000, mode, mode, 1)), ("EV", (1_000_000, 10)), ("EV", (1_000_001, 28))]
@@ -51,7 +53,7 @@ def copter(*told: Row, mode: int = 4) -> bytes:
             ("XKF1", (at, 0, 20.0 * moved_s, 0.0, -20.0, speed, 0.0, 0.0)),
             ("GPS", (at, 3, tenth * 100, 2000, 12)),
         ]
-    return dataflash({**KINDS, **MORE}, sorted([*rows, *told], key=lambda row: row[1][0]))
+    return dataflash({**KINDS, **kinds}, sorted([*rows, *told], key=lambda row: row[1][0]))
 
 
 def stream(kind: str, number: int, since_s: float = 5.0, until_s: float = 41.0, step_s: float = 0.1) -> list[Row]:
@@ -92,6 +94,18 @@ def test_who_is_given_a_speed_or_a_lean_flies_by_it_not_by_the_speed_that_was_se
     kind: str, number: int, told: str, tmp_path: Path
 ) -> None:
     assert outcome(tmp_path, copter(*stream(kind, number))) == told
+
+
+@pytest.mark.parametrize(
+    ("number", "north_mps", "told"),
+    [(1, 0.0, "violated"), (2, 0.0, "violated"), (2, 20.0, "inconclusive"), (3, 0.0, "inconclusive")],
+)
+def test_what_a_target_is_of_is_numbered_anew_since_it_tells_accelerations(
+    number: int, north_mps: float, told: str, tmp_path: Path
+) -> None:
+    """From 4.1 on 2 is a place sent as such, or one with a speed; it was a speed alone before."""
+    targets: list[Row] = [("GUID", (tenth * 100_000, number, north_mps, 0.0, 0.0, 0.0)) for tenth in range(50, 410)]
+    assert outcome(tmp_path, copter(*targets, kinds={**MORE, "GUID": GUID_OF_4_1})) == told
 
 
 def test_the_speeds_that_were_set_count_again_with_another_target_or_mode(tmp_path: Path) -> None:

@@ -1,26 +1,29 @@
 """Targets that a companion computer streams: orders that are no commands, and speeds that are no settings.
 
 In ArduCopter's GUIDED and in PX4's offboard mode messages of MAVLink (SET_POSITION_TARGET_LOCAL_NED and the like) say
-where to go, how fast or at which lean, many times a second. ArduCopter logs each (GUID up to 4.0, GUIP and GUIA since)
+where to go, how fast or at which lean, many times a second. ArduCopter logs each (GUID up to 4.1, GUIP and GUIA since)
 with a number that says what it is of; PX4 stays in offboard for as long as they come. Where they tell more than a place
 the vehicle flies by them, whatever the speeds of autonomous modes are set to.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saflite.contract.test_case import Stimulus
-from saflite.flight.logs.dataflash_rows import Rows, points
+from saflite.flight.logs.dataflash_rows import Rows
 from saflite.flight.logs.resample import Columns
 from saflite.flight.logs.topics import Topics, field, held
 
 ORDER = "SET_POSITION_TARGET_LOCAL_NED"
 _SPEEDS = ("cruise_speed_set_mps", "takeoff_speed_set_mps", "descent_speed_set_mps")
 _OWN_SPEED = {"GUIP": 3, "GUID": 2, "GUIA": 0}  # from that number on: speed, acceleration, lean; below: places
+_PLACE_OR_MORE = 2  # of a GUID with accelerations (from 4.1 on): a place, in some builds with a speed
+_MORE = ("vX", "vY", "vZ", "aX", "aY", "aZ")
 _OFFBOARD = 14  # vehicle_status.NAVIGATION_STATE_OFFBOARD
 _APART_S, _ORDERS_MAX = 1.0, 5_000  # between orders: they stand for a stream, of a long one for more of it each
 _SAME_S = 0.3  # what a command orders is logged as a target, too
@@ -32,7 +35,7 @@ Times = NDArray[np.float64]
 def targets_of_ardupilot(rows: Rows, columns: Columns) -> list[Stimulus]:
     """Return the targets as orders, and have the speeds set not be known where others are flown."""
     told = sorted(
-        (at_s, number >= least) for kind, least in _OWN_SPEED.items() for at_s, number in points(rows[kind], "Type")
+        (at_s, _tells_more(kind, row)) for kind in _OWN_SPEED for at_s, row in rows[kind] if "Type" in row
     )
     ends_s = [at_s for at_s, _ in rows["MODE"]]
     marks = sorted([*told, *((at_s, False) for at_s in ends_s)])
@@ -50,6 +53,17 @@ def targets_of_ardupilot(rows: Rows, columns: Columns) -> list[Stimulus]:
     told_s = np.array([at_s for at_s, _ in told])
     near = _near(ordered_s, told_s)
     return _orders(at_s for (at_s, own), by_command in zip(told, near, strict=True) if own or not by_command)
+
+
+def _tells_more(kind: str, row: Mapping[str, Any]) -> bool:
+    """Return whether a target tells more than a place.
+
+    From 4.1 on GUID tells accelerations, and has the numbers of GUIP, at first without that of places sent as such.
+    """
+    number = int(row["Type"])
+    if kind == "GUID" and "aX" in row and number == _PLACE_OR_MORE:
+        return any(row.get(name) for name in _MORE)
+    return number >= _OWN_SPEED[kind]
 
 
 def targets_of_px4(topics: Topics, columns: Columns) -> list[Stimulus]:
