@@ -190,3 +190,13 @@ def test_a_copter_of_47_is_none_of_the_others(tmp_path: Path) -> None:
     path.write_bytes(ardupilot_flight(PLACED, more=rows[:1]))  # type: ignore[arg-type]
     with pytest.raises(Refused, match="AIRSPEED_MIN"):
         read_dataflash_log(path)
+
+
+def test_a_parachute_whose_release_is_not_among_the_events_is_in_whatever_was_set(tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    places = [("XKF1", (at, 0, 0.0, 0.0, -5.0, 0.0, 0.0, 0.0)) for at in range(1_000_000, 5_000_000, 100_000)]
+    for told, known in (([("EV", (1_000_000, 10))], True), ([], False)):
+        path.write_bytes(dataflash(KINDS, [*told, *places]))  # no parameters: they may be lost, or left out
+        trace = read_dataflash_log(path).trace
+        assert ("chute_released" in trace.signals) == known
+        assert not known or trace.array("chute_released").max() == 0.0

@@ -50,6 +50,8 @@ def add(rows: Rows, formats: Mapping[str, str], held: Mapping[str, float], colum
         if number in _EVENTS:
             signal, value = _EVENTS[int(number)]
             courses[signal].append((at, value))
+    if events and "chute_released" not in courses:  # that would be among them, whatever else is logged
+        columns.hold("chute_released", [0.0], [0.0])
     forced = [at for at, row in rows["ARM"] if row.get("Forced") and row.get("ArmState", 1) > 0]
     if forced:
         courses["arming_forced"] = [(at, 1.0) for at in forced]
