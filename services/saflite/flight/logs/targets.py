@@ -34,9 +34,7 @@ Times = NDArray[np.float64]
 
 def targets_of_ardupilot(rows: Rows, columns: Columns) -> list[Stimulus]:
     """Return the targets as orders, and have the speeds set not be known where others are flown."""
-    told = sorted(
-        (at_s, _tells_more(kind, row)) for kind in _OWN_SPEED for at_s, row in rows[kind] if "Type" in row
-    )
+    told = sorted((at_s, _tells_more(kind, row)) for kind in _OWN_SPEED for at_s, row in rows[kind] if "Type" in row)
     ends_s = [at_s for at_s, _ in rows["MODE"]]
     marks = sorted([*told, *((at_s, False) for at_s in ends_s)])
     spans, since_s = list[Span](), None
