@@ -69,6 +69,8 @@ class Watching:
         signals = FlightSignals(case, flight, trace, between=True, is_log=False, untold=frozenset())
         told = {span.policy: load_policy(span.policy) for span in spans}
         policies = {name: policy for name, policy in told.items() if not policy.file.twin}
+        if not policies:
+            return
         shown = signals.pick(frozenset().union(*(policy.signals for policy in policies.values())))
         evaluator = Evaluator(shown, trace.step_s, signals.moments.row)
         times = evaluator.row * trace.step_s
